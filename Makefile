@@ -1,0 +1,44 @@
+# Everything a user or CI calls. Set-up happens once, in .venv, from requirements.lock.
+CORES ?= 2
+BIN := .venv/bin
+READY := .venv/.ready
+SMK := workflow/rules/*.smk Snakefile
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+
+.PHONY: report test test-slurm bench lint format lock audit clean
+
+report: $(READY)  ## set up once, then run the pipeline on the built-in default
+	@$(BIN)/snakemake --cores $(CORES)
+	@echo "report: $(CURDIR)/reports/index.html"
+
+test: $(READY)  ## set up once, then run every test
+	@scripts/setup browser
+	@$(BIN)/python -m pytest
+
+test-slurm: $(READY)  ## the small run through a real Slurm on this machine (Debian, root)
+	@scripts/setup slurm
+	@$(BIN)/python -m pytest tests/slurm
+
+bench: $(READY)  ## speed as ratios in one run; FILES=folder of .binary files, else built-in stand-ins
+	@$(BIN)/python benchmarks/run.py $(if $(FILES),--files $(FILES))
+
+lint: $(READY)
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check $(SMK)
+	@$(BIN)/snakemake --lint
+
+format: $(READY)
+	@$(BIN)/ruff check --fix-only . ; $(BIN)/ruff format . ; $(BIN)/snakefmt $(SMK)
+
+lock:  ## make requirements.lock again from pyproject.toml (needs uv)
+	uv pip compile --universal --python-version 3.11 --all-extras --generate-hashes --no-emit-index-url \
+		--no-header --no-annotate pyproject.toml -o requirements.lock
+
+audit: $(READY)  ## known vulnerabilities of the locked versions
+	@$(BIN)/pip-audit --require-hashes --disable-pip -r requirements.lock
+
+$(READY): requirements.lock pyproject.toml scripts/setup
+	@scripts/setup venv && touch $@
+
+clean:  ## remove what a run made; data/ and .venv stay
+	rm -rf results .snakemake
+	find reports -mindepth 1 ! -name README.md -delete

@@ -1,0 +1,188 @@
+"""Figures of Bagher et al. 2016 for any material and fit: factor curves, slices, weights, convergence of the starts.
+
+Each function writes one picture; the format follows the path's ending (svg, png, webp, pdf).
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import pyplot
+
+from brdfatlas.angles import N_PHI_D, grid_cosines, theta_d_centres, theta_h_centres
+from brdfatlas.figures import style
+from brdfatlas.fits import Fit
+from brdfatlas.measured import Measured
+from brdfatlas.objectives import compressive_weight, importance_weight, weighted_median
+
+NO_DATA = 0.85
+
+
+def plot_factors(fits: Mapping[str, Fit], path: str | os.PathLike, *, title: str = "") -> bool:
+    """D, F and G of each fit (a row) in red, green and blue, as in the paper's Fig. 6; D over the root of theta_h.
+
+    ``fits``: by title. Fits without factors are left out; returns False, and writes nothing, if none has any.
+    """
+    fits = {name: fit for name, fit in fits.items() if {"g", "f", "d"} & set(fit.parameters)}
+    if not fits:
+        return False
+    columns = (
+        ("d", "u", "D", r"$\theta_h$ (degrees, root scale)", np.rad2deg(theta_h_centres())),
+        ("f", "v", "F", r"$\theta_d$ (degrees)", np.rad2deg(theta_d_centres())),
+        ("g", "h", "G", r"$\theta_i$, $\theta_o$ (degrees)", np.linspace(0, 90, 90)),
+    )
+    with style.paper():
+        figure, axes = pyplot.subplots(
+            len(fits), 3, figsize=(8.4, 2.2 * len(fits) + 0.4), layout="constrained", squeeze=False
+        )
+        for row, (name, fit) in zip(axes, fits.items()):
+            for axis, (key, other, symbol, label, angle) in zip(row, columns):
+                values, x = fit.parameters.get(key), angle
+                if values is None and other in fit.parameters:
+                    values = fit.parameters[other]
+                    if other == "h":
+                        symbol, label, x = "H", r"$\phi_d$ (degrees)", np.arange(N_PHI_D) + 0.5
+                if values is None:
+                    axis.set_axis_off()
+                    continue
+                for channel, (colour, line) in enumerate(zip(style.RGB, ("-", "--", ":"))):
+                    rows = np.atleast_2d(np.asarray(values)[channel])
+                    for curve in rows:
+                        axis.plot(x, curve, color=colour, linestyle=line, label="RGB"[channel])
+                if symbol == "D":
+                    axis.set_xscale("function", functions=(lambda a: np.sqrt(np.maximum(a, 0)), np.square))
+                    axis.set_xticks([1, 5, 15, 30, 50, 90])
+                axis.set_xlim(0, x[-1] + (0.5 if symbol != "G" else 0))
+                axis.set_xlabel(label)
+                axis.set_ylabel(symbol)
+                if symbol == "D":
+                    axis.set_title(name, loc="left")
+        axes[0, 0].legend()
+        if title:
+            figure.suptitle(title)
+        style.save(figure, path)
+    return True
+
+
+def compressed(values: np.ndarray, median: float) -> np.ndarray:
+    """The compressive tone map f(rho / median) ln 2 = 1 - 2^(-rho / median) (Eq. 12), in [0, 1)."""
+    return -np.expm1(-np.log(2) * np.maximum(values, 0) / max(median, 1e-300))
+
+
+def plot_slices(
+    measured: Measured, fits: Mapping[str, Fit], path: str | os.PathLike, *, phi_d: float = 90.0, title: str = ""
+) -> None:
+    """The slice at ``phi_d`` degrees of the reference and of each fit, under the compressive tone map (Fig. 5).
+
+    theta_h to the right on the root scale of the grid, theta_d upwards. The tone map's median is the reference's in
+    each channel. Grey where nothing was measured.
+    """
+    index = min(int(phi_d / 180 * N_PHI_D), N_PHI_D - 1)
+    importance = importance_weight(measured.valid)
+    if not importance.any():
+        importance = measured.valid.astype(float)
+    medians = [weighted_median(measured.table[..., c], importance) for c in range(3)]
+    valid = measured.valid[:, :, index]
+    pictures = {"reference (stand-in)" if measured.standin else "reference": measured.table}
+    pictures |= {name: fit.table() for name, fit in fits.items()}
+    with style.paper():
+        figure, axes = pyplot.subplots(
+            1,
+            len(pictures),
+            figsize=(1.75 * len(pictures) + 0.6, 2.3),
+            layout="constrained",
+            squeeze=False,
+            sharey=True,
+        )
+        for axis, (name, table) in zip(axes[0], pictures.items()):
+            picture = np.stack([compressed(table[:, :, index, c], medians[c]) for c in range(3)], -1)
+            picture = np.where(valid[..., None], picture, NO_DATA)
+            axis.imshow(
+                np.clip(np.swapaxes(picture, 0, 1), 0, 1), origin="lower", extent=(0, 90, 0, 90), aspect="equal",
+                interpolation="nearest",
+            )  # fmt: skip
+            axis.set_title(name)
+            ticks = np.array([1, 10, 30, 60, 90])
+            axis.set_xticks(np.sqrt(ticks / 90) * 90, [str(t) for t in ticks])
+            axis.set_xlabel(r"$\theta_h$ (degrees)")
+            axis.grid(False)
+        axes[0, 0].set_ylabel(r"$\theta_d$ (degrees)")
+        if title:
+            figure.suptitle(title)
+        style.save(figure, path)
+
+
+def plot_weights(measured: Measured, path: str | os.PathLike, *, power: float = 1.4, title: str = "") -> None:
+    """The three weights of the objective and their product (Fig. 3), green channel, over (theta_h, theta_d) at
+    phi_d = 90 degrees, each against its largest; grey where no sample counts."""
+    importance = importance_weight(measured.valid)
+    cos_i, cos_o = grid_cosines()
+    middle = N_PHI_D // 2
+    keep = importance[:, :, middle] > 0
+    importing = np.where(keep, (cos_i * cos_o)[:, :, middle], 0.0).astype(float)
+    whole = compressive_weight(measured.table[..., 1], importance, power)[:, :, middle]
+    safe = np.where(keep, importance[:, :, middle], 1.0)
+    parts = {
+        r"volume form $w_V$": safe / np.where(keep, importing, 1.0),
+        r"importance $w_I$": importing,
+        r"compressive $w_C$": whole / safe,
+        r"product $w$": whole,
+    }
+    with style.paper():
+        figure, axes = pyplot.subplots(1, 4, figsize=(8.4, 2.4), layout="constrained", sharey=True)
+        for axis, (name, values) in zip(axes, parts.items()):
+            values = np.where(keep, values, np.nan)
+            peak = np.nanmax(values) if keep.any() else 1.0
+            axis.set_facecolor(str(NO_DATA))
+            shown = axis.imshow(
+                (values / (peak if peak > 0 else 1.0)).T, origin="lower", extent=(0, 90, 0, 90), cmap="viridis",
+                vmin=0, vmax=1, interpolation="nearest",
+            )  # fmt: skip
+            ticks = np.array([1, 10, 30, 60, 90])
+            axis.set_xticks(np.sqrt(ticks / 90) * 90, [str(t) for t in ticks])
+            axis.set_title(name)
+            axis.set_xlabel(r"$\theta_h$ (degrees)")
+            axis.grid(False)
+        axes[0].set_ylabel(r"$\theta_d$ (degrees)")
+        figure.colorbar(shown, ax=axes, shrink=0.85)
+        if title:
+            figure.suptitle(title)
+        style.save(figure, path)
+
+
+def plot_convergence(channels: Sequence[Mapping[str, Any]], path: str | os.PathLike, *, title: str = "") -> bool:
+    """The objective over the iterations of every start, a plot for each colour channel.
+
+    ``channels``: ``details["channels"]`` of a fit's report; each with ``starts`` that have ``name`` and ``history``, or
+    with a ``history`` alone. Returns False, and writes nothing, if there is no curve.
+    """
+    curves = []
+    for channel in channels:
+        starts = [s for s in channel.get("starts", ()) if s.get("history")]
+        if not starts and channel.get("history"):
+            starts = [{"name": "fit", "history": channel["history"]}]
+        curves.append(starts)
+    if not any(curves):
+        return False
+    with style.paper():
+        figure, axes = pyplot.subplots(
+            1, len(curves), figsize=(8.4, 2.7), layout="constrained", squeeze=False, sharey=True
+        )
+        for axis, starts, colour in zip(axes[0], curves, ("red", "green", "blue")):
+            for number, start in enumerate(starts):
+                history = np.maximum(np.asarray(start["history"], float), 1e-16)
+                # A thinned curve keeps its ends, so its length in iterations is known from the report.
+                last = max(int(start.get("iterations", history.size - 1)), history.size - 1)
+                axis.plot(np.linspace(0, last, history.size), history, label=start["name"], **style.line_of(number))
+            axis.set_yscale("log")
+            axis.set_title(colour)
+            axis.set_xlabel("iteration")
+        axes[0, 0].set_ylabel("objective (relative)")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        if handles:
+            figure.legend(handles, labels, loc="outside right center")
+        if title:
+            figure.suptitle(title)
+        style.save(figure, path)
+    return True

@@ -1,0 +1,68 @@
+"""One look for drawn figures: white paper, colours that colour-blind readers tell apart, equal bytes for equal data."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+
+from brdfatlas.files import atomic_path
+
+#: Okabe and Ito 2008, without black and yellow, which white paper swallows
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6A3D9A", "#555555")
+#: one cycle of line styles for each pass through the colours
+LINES = ("-", "--", ":", "-.")
+#: red, green and blue that also differ in lightness
+RGB = ("#D55E00", "#009E73", "#0072B2")
+INK, PALE = "#222222", "#D9D9D9"
+
+RC = {
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "axes.edgecolor": "#777777",
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.grid": True,
+    "grid.color": "#E2E2E2",
+    "grid.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "font.family": "DejaVu Sans",
+    "svg.hashsalt": "brdfatlas",
+    "path.simplify": True,
+}
+
+
+@contextmanager
+def paper() -> Iterator[None]:
+    """The settings of all figures, for the time of a block."""
+    with matplotlib.rc_context(RC):
+        yield
+
+
+def line_of(number: int) -> dict[str, str]:
+    """Colour and style of the n-th line of a figure; 32 differ."""
+    return {"color": COLOURS[number % len(COLOURS)], "linestyle": LINES[number // len(COLOURS) % len(LINES)]}
+
+
+def save(figure: Figure, path: str | os.PathLike) -> None:
+    """Write and close; the format by the path's ending, no date inside. Whole or not at all."""
+    with atomic_path(path) as temporary:
+        ending = temporary.suffix.lower()
+        metadata = {".svg": {"Date": None, "Creator": None}, ".pdf": {"CreationDate": None}}.get(ending, {})
+        if ending == ".png":
+            metadata = {"Software": None}
+        figure.savefig(temporary, metadata=metadata or None, dpi=150)
+    pyplot.close(figure)

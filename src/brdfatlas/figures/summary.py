@@ -1,0 +1,80 @@
+"""All models on all materials in one figure: sorted PSNR curves (as Fig. 8 of Bagher et al. 2016)."""
+
+import os
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib import pyplot
+
+from brdfatlas.figures import style
+
+NOT_MODELS = ("reference", "reference_again")
+
+
+def mean_psnr(errors: pd.DataFrame, column: str = "psnr_db") -> pd.DataFrame:
+    """PSNR averaged over scenes: materials x models, NaN where a fit failed.
+
+    ``errors``: rows with material, model, scene and ``column`` (results/errors/*.tsv, one after the other). An infinite
+    PSNR (equal images) counts as 100 dB. ValueError names a missing column.
+    """
+    for name in ("material", "model", "scene", column):
+        if name not in errors:
+            raise ValueError(f"errors: no column {name!r}")
+    rows = errors[~errors["model"].isin(NOT_MODELS)]
+    values = pd.to_numeric(rows[column], errors="coerce").replace(np.inf, 100.0)
+    return rows.assign(value=values).pivot_table("value", "material", "model", aggfunc="mean", dropna=False, sort=False)
+
+
+def plot_summary(
+    errors: pd.DataFrame,
+    diffuseness: Mapping[str, float],
+    path: str | os.PathLike,
+    *,
+    titles: Mapping[str, str] | None = None,
+    models: Sequence[str] = (),
+    guide: str = "independent_g",
+) -> None:
+    """Two plots of PSNR over materials, a line a model: sorted by diffuseness, and by the PSNR of ``guide``.
+
+    ``diffuseness``: material -> number; ``titles``: model -> name in the legend; ``models``: their order. If ``guide``
+    is not among them the model with the best mean takes its place. ValueError without a row.
+    """
+    table = mean_psnr(errors)
+    models = [m for m in (models or table.columns) if m in table.columns and table[m].notna().any()]
+    if not models:
+        raise ValueError(f"{path}: no PSNR to draw")
+    if guide not in models:
+        guide = str(table[models].mean().idxmax())
+    names = dict(titles or {})
+    by_diffuseness = sorted(table.index, key=lambda material: (diffuseness.get(material, np.inf), material))
+    by_error = table[guide].sort_values(kind="stable", na_position="first").index
+    orders = (
+        (by_diffuseness, "sorted by diffuseness: specular left, diffuse right"),
+        (by_error, f"sorted by the PSNR of {names.get(guide, guide)}"),
+    )
+    count = len(table)
+    with style.paper():
+        figure, axes = pyplot.subplots(2, 1, figsize=(8.4, 7.2), sharey=True, layout="constrained")
+        marker = "o" if count <= 40 else ""
+        for axis, (order, title) in zip(axes, orders):
+            for number, model in enumerate(models):
+                axis.plot(
+                    np.arange(count),
+                    table.loc[list(order), model],
+                    marker=marker,
+                    markersize=2.5,
+                    linewidth=1.1,
+                    label=names.get(model, model),
+                    **style.line_of(number),
+                )
+            axis.set_title(f"Materials {title}", loc="left")
+            axis.set(ylabel="PSNR (dB), mean over scenes", xlim=(-0.5, count - 0.5))
+            axis.grid(axis="x", visible=False)
+            if count <= 40:
+                axis.set_xticks(np.arange(count), list(order), rotation=90, fontsize=6)
+            else:
+                axis.set_xticks([])
+                axis.set_xlabel(f"{count} materials")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper")
+        style.save(figure, path)

@@ -1,0 +1,117 @@
+"""The registry: every model by name, imported when it is asked for.
+
+A model from outside joins by an entry point in the group ``brdfatlas.models`` (name = "package.module:Class"), or by
+``source: path/to/model.py`` in config/models.yaml.
+"""
+
+import importlib
+import importlib.util
+import inspect
+import json
+import os
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from brdfatlas.models.base import Model
+
+#: name -> module; the order is that of tables and pages.
+BUILTIN = {
+    "tabulated": "brdfatlas.models.tabulated",
+    "gaussian": "brdfatlas.models.gaussian",
+    "ggx": "brdfatlas.models.ggx",
+    "sgd": "brdfatlas.models.sgd",
+    "abc": "brdfatlas.models.abc",
+    "abc_compressive": "brdfatlas.models.abc_compressive",
+    "ngan": "brdfatlas.models.ngan",
+    "ashikhmin_shirley": "brdfatlas.models.ashikhmin_shirley",
+    "cook_torrance": "brdfatlas.models.cook_torrance",
+    "edwards": "brdfatlas.models.edwards",
+    "ward": "brdfatlas.models.ward",
+    "ward_duer": "brdfatlas.models.ward_duer",
+    "lawrence": "brdfatlas.models.lawrence",
+    "tucker": "brdfatlas.models.tucker",
+    "naive": "brdfatlas.models.naive",
+    "g_from_d": "brdfatlas.models.g_from_d",
+    "independent_g": "brdfatlas.models.independent_g",
+    "bivariate": "brdfatlas.models.bivariate",
+    "bivariate_g": "brdfatlas.models.bivariate_g",
+    "low_rank_2": "brdfatlas.models.low_rank_2",
+    "low_rank_4": "brdfatlas.models.low_rank_4",
+}
+
+
+def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
+    found = [
+        item
+        for item in vars(module).values()
+        if inspect.isclass(item)
+        and issubclass(item, Model)
+        and not inspect.isabstract(item)
+        and item.__module__ == module.__name__
+        and (name is None or item.name == name)
+    ]
+    if len(found) != 1:
+        wanted = f"named {name!r}" if name else "and no more"
+        raise ImportError(f"{origin}: expected one Model class {wanted}, found {len(found)}")
+    return found[0]
+
+
+def load_model_file(path: str | Path, name: str | None = None) -> Model:
+    """The model in a Python file outside the package. ImportError names the file and what is wrong with it."""
+    path = Path(path)
+    if not path.is_file():
+        raise ImportError(f"{path}: no such model file")
+    spec = importlib.util.spec_from_file_location(f"brdfatlas_user_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return _only_model(module, str(path), name)()
+
+
+#: Environment variable with a JSON object, name -> file of a model: a run tells every job it starts of its own models.
+VARIABLE = "BRDFATLAS_MODELS"
+
+
+class Registry(Mapping[str, Model]):
+    """Models by name; ``register_file`` adds one from a path for this process."""
+
+    __hash__ = object.__hash__  # Mapping defines __eq__ and drops the hash that @cache needs
+
+    def __init__(self) -> None:
+        self._files = {name: Path(path) for name, path in json.loads(os.environ.get(VARIABLE) or "{}").items()}
+
+    def register_file(self, name: str, path: str | Path) -> None:
+        self._files[name] = Path(path)
+        self._load.cache_clear()
+
+    def _external(self) -> dict[str, str]:
+        return {point.name: point.value for point in entry_points(group="brdfatlas.models")}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys([*BUILTIN, *self._external(), *self._files]))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    @cache  # noqa: B019 (one registry a process)
+    def _load(self, name: str) -> Model:
+        if name in self._files:
+            return load_model_file(self._files[name], name)
+        if name in BUILTIN:
+            return _only_model(importlib.import_module(BUILTIN[name]), BUILTIN[name], name)()
+        for point in entry_points(group="brdfatlas.models"):
+            if point.name == name:
+                return point.load()()
+        raise KeyError(name)
+
+    def __getitem__(self, name: str) -> Model:
+        try:
+            return self._load(name)
+        except KeyError:
+            raise KeyError(f"unknown model {name!r}; known: {', '.join(self)}") from None
+
+
+MODELS = Registry()

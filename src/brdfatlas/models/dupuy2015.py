@@ -1,0 +1,73 @@
+"""What the three models of Dupuy et al. 2015 share: the citation, the options and the Fresnel table."""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from brdfatlas.measured import Measured
+from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Result
+from brdfatlas.solvers import power_iteration
+
+
+class PowerIterationModel(Model):
+    """F D G / (4 cos cos) with D from power iterations and F from mean ratios (supplemental, Eqs. 1-39)."""
+
+    paper = Paper(
+        "Jonathan Dupuy, Eric Heitz, Jean-Claude Iehl, Pierre Poulin, Victor Ostromoukhov",
+        "Extracting Microfacet-based BRDF Parameters from Arbitrary Materials with Power Iterations",
+        "Computer Graphics Forum (Proc. EGSR) 34(4)",
+        2015,
+        "10.1111/cgf.12675",
+    )
+    formula = "F(theta_d) D(theta_h) G(theta_i, theta_o) / (4 cos theta_i cos theta_o)"
+    options: ClassVar[Mapping[str, Option]] = {
+        "fresnel": Option(
+            "corrected",
+            "corrected: the mean ratio as the paper states it; egsr2015: as the authors' program of 2015 computed it, "
+            "with the light held at the normal (their printed figures carry that)",
+            ("corrected", "egsr2015"),
+        ),
+        "backscatter": Option(
+            "published",
+            "what the inversion takes G(o, o) for; published: G1(o), which underestimates rough surfaces that obey the "
+            "model's own G; forward (ours): G1 / (2 - G1), as the model evaluates it",
+            ("published", "forward"),
+        ),
+        "iterations": Option(
+            power_iteration.ITERATIONS,
+            "power iterations (Eq. 25), 4 in the paper; backscatter = forward runs to a fixed point instead",
+        ),
+    }
+    FRESNEL = Parameter("fresnel", (90, 3), "reflectance at the centres of the 90 theta_d cells, R G B", "", 0.0, 1.0)
+
+    @abstractmethod
+    def shape(self, ndf: np.ndarray) -> dict[str, np.ndarray]:
+        """The model's parameters of D, from the tabulated NDF (90,)."""
+
+    def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:
+        """Closed procedure without random numbers. FitError if there is no retro-reflection to start from."""
+        chosen = self.check_options(options)
+        steps = chosen["iterations"]
+        if not isinstance(steps, int) or steps < 1:
+            raise ValueError(f"model {self.name}: iterations = {steps!r} is not a whole number above 0")
+        try:
+            retro, filled = power_iteration.retro_slice(measured.table)
+            found = power_iteration.distribution(retro, backscatter=chosen["backscatter"], iterations=steps)
+            ndf, eigenvalue, changes = found
+            fresnel = getattr(power_iteration, f"fresnel_{chosen['fresnel']}")(measured.table, ndf)
+        except power_iteration.NoDistribution as reason:
+            raise FitError(f"{self.name} on {measured.name}: {reason}") from None
+        clamped = int((fresnel >= 1).any(1).sum())
+        message = f"Fresnel reaches 1 at {clamped} of 90 angles (the model has no diffuse term)" if clamped else ""
+        details = {"history": changes, "eigenvalue": eigenvalue, "filled_retro_rows": filled, "clamped": clamped}
+        return Result(
+            self.shape(ndf) | {"fresnel": fresnel},
+            changes[-1],
+            "relative change of D in the last power iteration",
+            len(changes),
+            changes[-1] < 0.01,
+            message,
+            details,
+        )

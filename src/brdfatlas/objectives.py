@@ -1,0 +1,172 @@
+"""What a fit minimises, as weights on the MERL grid, and the measures that compare two BRDFs.
+
+All weights are (90, 90, 180) or (90, 90, 180, 3) arrays; 0 marks a sample that is left out.
+"""
+
+import numpy as np
+from numba import njit
+
+from brdfatlas.angles import grid_cosines, pair_measure, slice_measure
+
+MAX_ANGLE = np.deg2rad(89.0)
+
+
+def importance_weight(valid: np.ndarray, *, measure: str = "slice", max_angle: float = MAX_ANGLE) -> np.ndarray:
+    """w_V w_I of Bagher et al. 2016 (Eqs. 9, 10), GRID_SHAPE float64; 0 where invalid or beyond ``max_angle``.
+
+    ``measure``: "slice" is the published w_V, "pairs" the exact measure of direction pairs. A sample is left out if
+    either angle exceeds ``max_angle`` (radians).
+    """
+    volume = {"slice": slice_measure, "pairs": pair_measure}[measure]()
+    cos_i, cos_o = grid_cosines()
+    keep = valid & (np.minimum(cos_i, cos_o) >= np.cos(max_angle))
+    return np.where(keep, volume * np.maximum(cos_i, 0) * np.maximum(cos_o, 0), 0.0)
+
+
+def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    """The smallest value at which half of the weight is reached."""
+    keep = weights > 0
+    values, weights = values[keep], weights[keep]
+    if values.size == 0:
+        raise ValueError("weighted median of nothing")
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(total, 0.5 * total[-1])]])
+
+
+@njit(cache=True, nogil=True)
+def _weighted_median(values, weights, bits):
+    """The bits of :func:`weighted_median` of float32 values >= 0, in two passes: they sort like their ``bits``."""
+    first = np.zeros(65536)
+    for i in range(values.size):
+        if weights[i] > 0:
+            first[bits[i] >> 16] += weights[i]
+    half = 0.5 * first.sum()
+    below, high = 0.0, 0
+    while high < 65535 and below + first[high] < half:
+        below += first[high]
+        high += 1
+    second = np.zeros(65536)
+    for i in range(values.size):
+        if weights[i] > 0 and bits[i] >> 16 == high:
+            second[bits[i] & 65535] += weights[i]
+    last = 0
+    for low in range(65536):
+        if second[low] > 0:
+            below += second[low]
+            last = low
+            if below >= half:
+                break
+    return high * 65536 + last
+
+
+@njit(cache=True, nogil=True)
+def _compress(values, importance, scale, power, out):
+    for i in range(values.size):
+        if importance[i] > 0:
+            x = values[i] / scale
+            ratio = -np.expm1(-np.log(2.0) * x) / (np.log(2.0) * x) if x > 1e-8 else 1.0
+            out[i] = importance[i] * ratio**power
+        else:
+            out[i] = 0.0
+
+
+def compressive_weight(rho: np.ndarray, importance: np.ndarray, power: float = 1.4) -> np.ndarray:
+    """w = w_V w_I w_C of one channel (Bagher et al. 2016, Eqs. 8-12), GRID_SHAPE float64.
+
+    w_C = (f(x) / x)^p with f(x) = (1 - 2^-x) / ln 2, x = rho / (weighted median of rho). ``power`` = 0 turns the
+    compressive part off. A channel whose median is 0 (dark) has x taken against its mean, and w_C = 1 if that is
+    0 as well.
+    """
+    importance = np.ascontiguousarray(importance, float)
+    flat = importance.ravel()
+    if not (flat > 0).any():
+        raise ValueError("no valid sample within 89 degrees")
+    values = np.where(flat > 0, rho.ravel(), 0).astype(np.float32)
+    scale = float(np.uint32(_weighted_median(values, flat, values.view(np.uint32))).view(np.float32))
+    if scale <= 0:
+        scale = float((values * flat).sum() / flat.sum())
+    if power == 0 or scale <= 0:
+        return importance.copy()
+    out = np.empty_like(flat)
+    _compress(values, flat, scale, power, out)
+    return out.reshape(importance.shape)
+
+
+def compressive_weights(
+    table: np.ndarray, *, power: float = 1.4, measure: str = "slice", max_angle: float = MAX_ANGLE
+) -> np.ndarray:
+    """:func:`compressive_weight` of the three channels of a table with NaN for invalid; (90, 90, 180, 3) float64."""
+    importance = importance_weight(~np.isnan(table[..., 0]), measure=measure, max_angle=max_angle)
+    return np.stack([compressive_weight(table[..., c], importance, power) for c in range(3)], -1)
+
+
+def relative_objective(fitted: np.ndarray, table: np.ndarray, weights: np.ndarray) -> float:
+    """sum w (f - rho)^2 / sum w rho^2 per channel, averaged over rgb; a dark channel counts its absolute error."""
+    errors = []
+    for c in range(3):
+        keep = weights[..., c] > 0
+        w, f, rho = weights[..., c][keep], fitted[..., c][keep].astype(float), table[..., c][keep].astype(float)
+        power = float((w * rho * rho).sum())
+        errors.append(float((w * (f - rho) ** 2).sum()) / (power if power > 0 else 1.0))
+    return float(np.mean(errors))
+
+
+def least_squares_weights(table: np.ndarray, objective: str) -> np.ndarray:
+    """Weights (90, 90, 180, 3) whose weighted sum of squares is the objective.
+
+    ``objective``: "compressive", :func:`relative_objective` in Bagher 2016's weights; "cosine", the square of
+    :func:`cosine_weighted`. Raises ValueError if no valid sample lies within 89 degrees.
+    """
+    if objective == "compressive":
+        weights = compressive_weights(table)
+        for c in range(3):
+            rho = np.nan_to_num(table[..., c]).astype(float)
+            power = float(np.vdot(weights[..., c] * rho, rho))
+            weights[..., c] /= 3 * (power if power > 0 else 1.0)
+        return weights
+    if objective != "cosine":
+        raise ValueError(f"unknown least-squares objective {objective!r}; known: compressive, cosine")
+    cos_i, cos_o = grid_cosines()
+    keep = (np.minimum(cos_i, cos_o) >= np.cos(MAX_ANGLE)) & ~np.isnan(table[..., 0])
+    measure = np.where(keep, pair_measure(), 0.0)
+    if not keep.any():
+        raise ValueError("no valid sample within 89 degrees")
+    weight = measure * cos_i.astype(float) ** 2 / (3 * measure.sum())
+    return np.repeat(weight[..., None], 3, -1)
+
+
+def log_deviation(a: np.ndarray, b: np.ndarray, min_cosine: float = 0.1) -> float:
+    """mean |log1p(f cos) - log1p(g cos)| over cells where both tables are valid and both cosines exceed
+    ``min_cosine``; cos is cos(theta_i). Symmetric, 0 for equal tables."""
+    cos_i, cos_o = grid_cosines()
+    keep = (np.minimum(cos_i, cos_o) > min_cosine) & ~np.isnan(a[..., 0]) & ~np.isnan(b[..., 0])
+    if not keep.any():
+        return float("nan")
+    cosine = cos_i[keep].astype(float)[:, None]
+    with np.errstate(invalid="ignore"):
+        difference = np.log1p(np.maximum(a[keep] * cosine, 0)) - np.log1p(np.maximum(b[keep] * cosine, 0))
+    return float(np.mean(np.abs(difference)))
+
+
+def loew_e2(a: np.ndarray, b: np.ndarray, max_angle: float = np.deg2rad(80.0)) -> float:
+    """Löw et al. 2012, E2: mean over cells with theta_h, theta_d <= 80 degrees of the squared difference of
+    ln(1 + rho cos theta_i), summed over rgb."""
+    from brdfatlas.angles import grid_axes
+
+    theta_h, theta_d, _ = grid_axes()
+    cos_i, _ = grid_cosines()
+    keep = (theta_h <= max_angle) & (theta_d <= max_angle) & ~np.isnan(a[..., 0]) & ~np.isnan(b[..., 0])
+    cosine = cos_i[keep].astype(float)[:, None]
+    difference = np.log1p(np.maximum(a[keep] * cosine, 0)) - np.log1p(np.maximum(b[keep] * cosine, 0))
+    return float(np.mean(np.sum(difference**2, -1)))
+
+
+def cosine_weighted(a: np.ndarray, b: np.ndarray) -> float:
+    """Ngan et al. 2005: root of the mean of ((rho - rho*) cos theta_i)^2 over direction pairs (solid-angle measure,
+    both angles <= 89 degrees), rgb averaged."""
+    cos_i, cos_o = grid_cosines()
+    keep = (np.minimum(cos_i, cos_o) >= np.cos(MAX_ANGLE)) & ~np.isnan(a[..., 0]) & ~np.isnan(b[..., 0])
+    weight = np.broadcast_to(pair_measure(), keep.shape)[keep]
+    squared = ((a[keep].astype(float) - b[keep]) * cos_i[keep][:, None]) ** 2
+    return float(np.sqrt((weight[:, None] * squared).sum() / (3 * weight.sum())))

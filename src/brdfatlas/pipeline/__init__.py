@@ -1,0 +1,1 @@
+"""What the Snakefile needs: the configuration, the materials of a run, source dependencies, the body of each job."""

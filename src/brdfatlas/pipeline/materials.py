@@ -1,0 +1,92 @@
+"""The materials of a run: what is in the folder, what of it can be used, and why the rest is left out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from brdfatlas.files import read_json, write_json
+from brdfatlas.measured import MeasuredError, read_merl
+from brdfatlas.pipeline.configuration import NAME, ConfigError, choose
+from brdfatlas.standins import standin_names
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material of the run: where its .binary is (or will be made) and whether it is a stand-in."""
+
+    name: str
+    binary: str
+    standin: bool
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A file that cannot be used, with the reason in one line."""
+
+    name: str
+    path: str
+    reason: str
+
+
+def find_materials(
+    config: Mapping[str, Any], standins_folder: str, checks: str | Path
+) -> tuple[list[Material], list[LeftOut]]:
+    """Materials of the run and what is left out of it.
+
+    MERL files of ``config["merl_folder"]`` if it holds any, else built-in stand-ins. Every file is read and checked
+    once; verdicts are kept in ``checks`` by size and time stamp. ConfigError for an unknown name, for nothing at
+    all to work on, and under ``strict`` for the first file that cannot be used.
+    """
+    folder = Path(config["merl_folder"])
+    found = sorted(folder.glob("*.binary")) if folder.is_dir() else []
+    # hidden files are unfinished writes, and what other systems leave beside files ("._chrome.binary")
+    files = {path.stem: path for path in found if not path.name.startswith(".")}
+    wanted = config["materials"]
+    if not files:
+        known = standin_names()
+        names = choose(wanted, known, "materials", "config") if wanted != "all" else None
+        if names is None:
+            names = choose(config["standins"], known, "standins", "config")
+        return [Material(name, f"{standins_folder}/{name}.binary", True) for name in names], []
+    names = choose(wanted, list(files), "materials", f"config (files in {folder})")
+    verdicts = _checked({name: files[name] for name in names}, Path(checks))
+    left_out = [LeftOut(name, str(files[name]), reason) for name, reason in verdicts.items() if reason]
+    if left_out and config["strict"]:
+        raise ConfigError(f"{left_out[0].reason} (strict: true; mend or remove the file, or set strict: false)")
+    usable = [Material(name, str(files[name]), False) for name in names if not verdicts[name]]
+    if not usable:
+        raise ConfigError(f"{folder}: no file there can be used: {left_out[0].reason}")
+    return usable, left_out
+
+
+def _checked(files: Mapping[str, Path], checks: Path) -> dict[str, str]:
+    """name -> "" if the file is good, else why not."""
+    try:
+        known = read_json(checks)
+    except (OSError, ValueError):
+        known = {}
+    fresh, verdicts = {}, {}
+    for name, path in files.items():
+        try:
+            status = path.stat()
+            stamp = f"{status.st_size} {status.st_mtime_ns} {status.st_mode}"
+        except OSError:
+            stamp = ""
+        old = known.get(str(path), {})
+        reason = old["reason"] if stamp and old.get("stamp") == stamp else _fault(name, path)
+        fresh[str(path)] = {"stamp": stamp, "reason": reason}
+        verdicts[name] = reason
+    if fresh != {path: known.get(path) for path in fresh}:
+        write_json(checks, known | fresh)
+    return verdicts
+
+
+def _fault(name: str, path: Path) -> str:
+    if not NAME.match(name):
+        return f"{path}: the name may have letters, digits, '.', '_' and '-' only; rename the file"
+    try:
+        read_merl(path)
+    except MeasuredError as error:
+        return str(error)
+    return ""

@@ -1,0 +1,53 @@
+"""Rendering with Mitsuba 3: the BSDF plugin, the scenes, the integrator.
+
+Nothing here imports Mitsuba until it is needed, so that a usable libLLVM can be chosen first.
+"""
+
+from types import ModuleType
+
+VARIANTS = ("llvm_ad_rgb", "scalar_rgb", "cuda_ad_rgb")
+
+__all__ = ["VARIANTS", "register", "use_variant"]
+
+
+def use_variant(variant: str = "llvm_ad_rgb", threads: int | None = None) -> ModuleType:
+    """Choose a usable libLLVM, set Mitsuba's variant, register the plugin; returns the module ``mitsuba``.
+
+    ``threads``: how many threads may compute, default all cores. Raises LlvmError where an llvm variant has no
+    usable libLLVM, ValueError for an unknown variant.
+    """
+    if variant.startswith("llvm"):
+        from brdfatlas.rendering.llvm import use_libllvm
+
+        use_libllvm()
+    import drjit as dr
+    import mitsuba as mi
+
+    if variant not in mi.variants():
+        raise ValueError(f"rendering.variant: Mitsuba has no variant {variant!r}; it has {', '.join(mi.variants())}")
+    if mi.variant() != variant:
+        mi.set_variant(variant)
+    if threads is not None:
+        dr.set_thread_count(max(1, threads))
+    register()
+    return mi
+
+
+def register() -> None:
+    """Make ``{"type": "brdfatlas", ...}`` known to Mitsuba's current variant; call again after a change of variant.
+
+    Raises RuntimeError if no variant is set.
+    """
+    import mitsuba as mi
+
+    from brdfatlas.rendering.bsdf import bsdf_class
+
+    variant = mi.variant()
+    if variant is None:
+        raise RuntimeError("no Mitsuba variant is set: call mitsuba.set_variant() or brdfatlas.rendering.use_variant()")
+    if variant not in _registered:
+        mi.register_bsdf("brdfatlas", bsdf_class(variant))
+        _registered.add(variant)
+
+
+_registered: set[str] = set()

@@ -1,0 +1,272 @@
+"""The Mitsuba plugin ``brdfatlas``: a BRDF on the MERL grid, usable in any Mitsuba scene.
+
+``{"type": "brdfatlas", "filename": "chrome.binary"}`` where the file is a MERL ``.binary`` or a fit (``.npz``). With
+``"reference": "chrome.binary"`` the mask of measured cells and the sampling density come from that file: a reference
+and its fits then render with the same random paths. Values are trilinear between cell centres, as
+:func:`brdfatlas.measured.look_up`.
+"""
+
+import os
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, above_horizon
+from brdfatlas.measured import Measured, MeasuredError, extend, read_merl
+from brdfatlas.rendering.arrays import upload
+from brdfatlas.rendering.density import LIST_LENGTH, N_ELEVATIONS, Density, sampling_density
+
+_STEP_D, _STEP_H = 4 * N_PHI_D, 4 * N_PHI_D * N_THETA_D
+
+
+def load_table(filename: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
+    """The table (90, 90, 180, 3) of a ``.binary`` or of a fit ``.npz``, and its mask of valid cells.
+
+    Raises ValueError (MeasuredError) with one line that names the file.
+    """
+    if Path(filename).suffix == ".npz":
+        from brdfatlas.fits import load_fit
+
+        return load_fit(filename).table(), above_horizon()
+    measured = read_merl(filename)
+    return measured.table, measured.valid
+
+
+class Reflectance:
+    """A table and a density in the form that one Mitsuba variant computes with; all directions are local, n = z."""
+
+    def __init__(self, table: np.ndarray, valid: np.ndarray, density: Density | None = None):
+        """``table`` (90, 90, 180, 3) is extended beyond ``valid``; ``density`` defaults to the table's own."""
+        import drjit as dr
+        import mitsuba as mi
+
+        table = extend(table, valid)
+        if not np.isfinite(table).all():
+            raise MeasuredError("the table holds NaN or Inf in cells that its reference measured")
+        self.density = density or sampling_density(table)
+        packed = np.zeros((table.size // 3, 4), np.float32)
+        packed[:, :3] = table.reshape(-1, 3)
+        self._scalar = not dr.is_jit_v(mi.Float)
+        if self._scalar:
+            self._table, self._cells = packed, self.density.cells.reshape(-1, 4)
+            self._runs = self.density.runs.reshape(-1, 2)
+            self._weight, self._entries = self.density.cosine_weight, self.density.entries.ravel()
+        else:
+            self._table, self._cells = upload(mi.Float, packed), upload(mi.Float, self.density.cells)
+            self._runs = upload(mi.Float, self.density.runs)
+            self._weight = upload(mi.Float, self.density.cosine_weight)
+            self._entries = upload(mi.UInt32, self.density.entries)
+
+    def set_table(self, table: np.ndarray, valid: np.ndarray) -> None:
+        """Exchange the table, keep the density."""
+        replacement = Reflectance(table, valid, self.density)
+        self._table = replacement._table
+
+    # One look-up; scalar variants have no gathers, so they index NumPy arrays.
+    def _four(self, source: Any, index: Any, active: Any) -> Any:
+        import drjit as dr
+        import mitsuba as mi
+
+        if self._scalar:
+            return mi.Vector4f(*source[int(index)].tolist())
+        return dr.gather(mi.Vector4f, source, index, active)
+
+    def _two(self, source: Any, index: Any, active: Any) -> Any:
+        import drjit as dr
+        import mitsuba as mi
+
+        if self._scalar:
+            return mi.Vector2f(*source[int(index)].tolist())
+        return dr.gather(mi.Vector2f, source, index, active)
+
+    def _one(self, source: Any, index: Any, active: Any) -> Any:
+        import drjit as dr
+
+        if self._scalar:
+            return source[int(index)].item()
+        return dr.gather(type(source), source, index, active)
+
+    @staticmethod
+    def angles(wi: Any, wo: Any) -> tuple[Any, Any, Any]:
+        """theta_h, theta_d, phi_d as :func:`brdfatlas.angles.half_difference`, without its double precision."""
+        import drjit as dr
+
+        total, difference = wi + wo, wi - wo
+        norm = dr.norm(total)
+        h = total * dr.rcp(dr.maximum(norm, 1e-20))
+        rho = dr.sqrt(h.x * h.x + h.y * h.y)
+        theta_h = dr.atan2(rho, h.z)
+        theta_d = dr.atan2(dr.norm(difference), norm)
+        inverse = dr.rcp(dr.maximum(rho, 1e-20))
+        tilted = rho > 1e-12
+        cos_p, sin_p = dr.select(tilted, h.x * inverse, 1.0), dr.select(tilted, h.y * inverse, 0.0)
+        along = h.z * (wi.x * cos_p + wi.y * sin_p) - rho * wi.z
+        phi_d = dr.atan2(wi.y * cos_p - wi.x * sin_p, along)
+        return theta_h, theta_d, dr.select(phi_d < 0, phi_d + np.pi, phi_d)
+
+    def _theta_h_place(self, theta_h: Any) -> Any:
+        import drjit as dr
+
+        return dr.sqrt(theta_h * (2 / np.pi)) * N_THETA_H
+
+    def _row(self, wi: Any) -> Any:
+        import drjit as dr
+        import mitsuba as mi
+
+        place = dr.safe_acos(wi.z) * (2 / np.pi * N_ELEVATIONS)
+        return mi.UInt32(dr.minimum(place, N_ELEVATIONS - 1.0))
+
+    def _trilinear(self, angles: tuple[Any, Any, Any], active: Any) -> Any:
+        import drjit as dr
+        import mitsuba as mi
+
+        theta_h, theta_d, phi_d = angles
+        x = dr.clip(self._theta_h_place(theta_h) - 0.5, 0.0, N_THETA_H - 1.0)
+        y = dr.clip(theta_d * (2 / np.pi * N_THETA_D) - 0.5, 0.0, N_THETA_D - 1.0)
+        z = phi_d * (N_PHI_D / np.pi) - 0.5
+        z = dr.select(z < 0, z + N_PHI_D, z)
+        i, j = mi.UInt32(dr.minimum(x, N_THETA_H - 2.0)), mi.UInt32(dr.minimum(y, N_THETA_D - 2.0))
+        k = mi.UInt32(dr.minimum(z, N_PHI_D - 1.0))
+        u, v, w = x - mi.Float(i), y - mi.Float(j), z - mi.Float(k)
+        k1 = dr.select(k == N_PHI_D - 1, mi.UInt32(0), k + 1)
+        corner = (i * N_THETA_D + j) * N_PHI_D
+        value = mi.Vector4f(0)
+        for step_h, weight_h in ((0, 1 - u), (N_THETA_D * N_PHI_D, u)):
+            for step_d, weight_d in ((0, 1 - v), (N_PHI_D, v)):
+                base, weight = corner + (step_h + step_d), weight_h * weight_d
+                near = self._four(self._table, base + k, active)
+                far = self._four(self._table, base + k1, active)
+                value = dr.fma(dr.fma(w, far - near, near), weight, value)
+        return mi.Color3f(value.x, value.y, value.z)
+
+    def _pdf(self, wi: Any, wo: Any, theta_h: Any, row: Any, weight: Any, active: Any) -> Any:
+        import drjit as dr
+        import mitsuba as mi
+
+        cell = mi.UInt32(dr.minimum(self._theta_h_place(theta_h), N_THETA_H - 1.0))
+        cell = self._four(self._cells, row * N_THETA_H + cell, active)
+        sine = dr.sin(0.5 * theta_h)
+        t = dr.clip((2 * sine * sine - cell.x) / cell.y, 0.0, 1.0)
+        half = cell.z * (1 + cell.w * (2 * t - 1))
+        # wi . h = |wi + wo| / 2
+        return weight * wo.z * (1 / np.pi) + (1 - weight) * half * dr.rcp(dr.maximum(2 * dr.norm(wi + wo), 1e-6))
+
+    def incidence(self, wi: Any, active: Any = True) -> tuple[Any, Any]:
+        """What the density needs to know of ``wi``: its row, and the weight of the cosine lobe."""
+        row = self._row(wi)
+        return row, self._one(self._weight, row, active)
+
+    def eval_pdf(self, wi: Any, wo: Any, incidence: tuple[Any, Any], active: Any = True) -> tuple[Any, Any]:
+        """BRDF times cos(theta_o), and density of ``wo`` in 1/sr, for directions above the surface."""
+        angles = self.angles(wi, wo)
+        value = self._trilinear(angles, active) * wo.z
+        return value, self._pdf(wi, wo, angles[0], *incidence, active)
+
+    def eval(self, wi: Any, wo: Any, active: Any = True) -> Any:
+        """BRDF times cos(theta_o) for directions above the surface."""
+        return self._trilinear(self.angles(wi, wo), active) * wo.z
+
+    def pdf(self, wi: Any, wo: Any, active: Any = True) -> Any:
+        """Density of ``wo`` in 1/sr for directions above the surface."""
+        return self._pdf(wi, wo, self.angles(wi, wo)[0], *self.incidence(wi, active), active)
+
+    def sample(self, wi: Any, choice: Any, sample: Any, incidence: tuple[Any, Any], active: Any = True) -> Any:
+        """``wo`` from three numbers in [0, 1); it may lie below the surface, where it counts for nothing."""
+        import drjit as dr
+        import mitsuba as mi
+
+        row, weight = incidence
+        place = mi.UInt32(dr.minimum(sample.x * LIST_LENGTH, LIST_LENGTH - 1.0))
+        cell = self._one(self._entries, row * LIST_LENGTH + place, active)
+        index = row * N_THETA_H + mi.UInt32(cell)
+        cell, run = self._four(self._cells, index, active), self._two(self._runs, index, active)
+        # Where in its cell: entries of one cell stand together, so the rest of the number is uniform again; then
+        # inverted for a density that is linear in the cell.
+        rest = dr.clip((sample.x - run.x) / dr.maximum(run.y, 1 / LIST_LENGTH), 0.0, 1.0)
+        start = 1 - cell.w
+        t = 2 * rest / (start + dr.sqrt(start * start + 4 * cell.w * rest))
+        versine = dr.fma(cell.y, t, cell.x)
+        sin_h = dr.sqrt(dr.maximum(versine * (2 - versine), 0.0))
+        sin_p, cos_p = dr.sincos(2 * np.pi * sample.y)
+        h = mi.Vector3f(sin_h * cos_p, sin_h * sin_p, 1 - versine)
+        reflected = 2 * dr.dot(wi, h) * h - wi
+        radius = dr.sqrt(sample.x)
+        cosine = mi.Vector3f(radius * cos_p, radius * sin_p, dr.sqrt(dr.maximum(1 - sample.x, 0.0)))
+        return dr.select(choice < weight, cosine, reflected)
+
+
+@cache
+def bsdf_class(variant: str) -> type:
+    """The plugin's class for a variant, which must be the current one."""
+    import drjit as dr
+    import mitsuba as mi
+
+    class BrdfAtlas(mi.BSDF):
+        """A tabulated isotropic BRDF, one-sided."""
+
+        def __init__(self, props: mi.Properties, reflectance: Reflectance | None = None):
+            mi.BSDF.__init__(self, props)
+            self.filename = props.get("filename", "")
+            self.reference = props.get("reference", "")
+            self.reflectance = reflectance or self._read()
+            flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide
+            self.m_components = [flags]
+            self.m_flags = flags
+
+        def _read(self) -> Reflectance:
+            if not self.filename:
+                raise ValueError("brdfatlas: the plugin needs `filename`, a MERL .binary or a fit (.npz)")
+            resolve = mi.file_resolver().resolve
+            table, valid = load_table(str(resolve(self.filename)))
+            density = None
+            if self.reference:
+                reference, valid = load_table(str(resolve(self.reference)))
+                density = sampling_density(extend(reference, valid))
+            return Reflectance(table, valid, density)
+
+        def _above(self, si: Any, wo: Any, active: Any) -> Any:
+            return active & (si.wi.z > 0) & (wo.z > 0)
+
+        def sample(self, ctx, si, sample1, sample2, active=True):
+            incidence = self.reflectance.incidence(si.wi, active)
+            wo = self.reflectance.sample(si.wi, sample1, sample2, incidence, active)
+            active = self._above(si, wo, active)
+            value, pdf = self.reflectance.eval_pdf(si.wi, wo, incidence, active)
+            bs = mi.BSDFSample3f()
+            bs.wo, bs.pdf, bs.eta = wo, dr.select(active, pdf, 0.0), 1.0
+            bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))
+            bs.sampled_component = mi.UInt32(0)
+            return bs, dr.select(active & (pdf > 0), value / dr.maximum(pdf, 1e-20), mi.Color3f(0))
+
+        def eval(self, ctx, si, wo, active=True):
+            active = self._above(si, wo, active)
+            return dr.select(active, self.reflectance.eval(si.wi, wo, active), mi.Color3f(0))
+
+        def pdf(self, ctx, si, wo, active=True):
+            active = self._above(si, wo, active)
+            return dr.select(active, self.reflectance.pdf(si.wi, wo, active), 0.0)
+
+        def eval_pdf(self, ctx, si, wo, active=True):
+            active = self._above(si, wo, active)
+            incidence = self.reflectance.incidence(si.wi, active)
+            value, pdf = self.reflectance.eval_pdf(si.wi, wo, incidence, active)
+            return dr.select(active, value, mi.Color3f(0)), dr.select(active, pdf, 0.0)
+
+        def to_string(self):
+            return f"BrdfAtlas[filename={self.filename!r}, reference={self.reference!r}]"
+
+    return BrdfAtlas
+
+
+def bsdf_of(reflectance: Reflectance) -> Any:
+    """A Mitsuba BSDF of the current variant that computes with ``reflectance``."""
+    import mitsuba as mi
+
+    return bsdf_class(mi.variant())(mi.Properties(), reflectance)
+
+
+def reflectance_of(measured: Measured, table: np.ndarray | None = None, density: Density | None = None) -> Reflectance:
+    """The :class:`Reflectance` of a reference, or of a fit's ``table`` under the reference's mask and density."""
+    return Reflectance(measured.table if table is None else table, measured.valid, density)

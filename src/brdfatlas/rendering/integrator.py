@@ -1,0 +1,294 @@
+"""Direct illumination of a measured material, one lane a pixel and batch, the sample loop inside the kernel.
+
+The estimator is that of Mitsuba's ``direct``: one sample of the environment and one of the BSDF at each hit, weighted
+by the power heuristic (Veach and Guibas 1995). Only pixels that show the material are computed; the rest of the picture
+comes from the prepared scene. Sample points are a Sobol' sequence, scrambled per pixel, batch and dimension
+(Owen 1995; hash of Laine and Karras 2011), so batches are independent, and equal for a reference and all its fits.
+
+Nothing of a scene or a material is a constant of the kernel: there is one kernel for lone spheres and one for scenes
+with several shapes, and Dr.Jit finds them again on disk in later processes.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from brdfatlas.rendering.arrays import upload
+from brdfatlas.rendering.bsdf import Reflectance
+from brdfatlas.rendering.scenes import PreparedScene, material_shapes, mitsuba_scene
+
+DIMENSIONS = 8
+LIST_BITS = 19
+
+
+@cache
+def _sobol_points(count: int) -> np.ndarray:
+    """First ``count`` points of the Sobol' sequence as 32-bit fractions with their bits reversed, (count, 8) uint32."""
+    from scipy.stats import qmc
+
+    points = qmc.Sobol(DIMENSIONS, scramble=False, bits=32).random(1 << max(count - 1, 1).bit_length())[:count]
+    bits = (points * 2.0**32).astype(np.uint64).astype(np.uint32)
+    for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF)):
+        bits = ((bits >> shift) & np.uint32(mask)) | ((bits & np.uint32(mask)) << np.uint32(shift))
+    return (bits >> 16) | (bits << np.uint32(16))
+
+
+class Environment:
+    """A lat-long environment to look up and to sample.
+
+    Radiance is bilinear between texels, as in Mitsuba's ``envmap``. The density is constant in each cell between four
+    texels, its probability a multiple of 2^-19: inverting the distribution is one look-up in a list of cells. Cells
+    too dark for a place in the list are left to BSDF sampling, which covers every direction.
+    """
+
+    def __init__(self, image: np.ndarray):
+        import mitsuba as mi
+
+        height, width = image.shape[:2]
+        cosine = np.cos(np.arange(height) / (height - 1) * np.pi)
+        solid_angle = (2 * np.pi / width) * (cosine[:-1] - cosine[1:])
+        luminance = image.astype(float) @ [0.2126, 0.7152, 0.0722]
+        rows = luminance[:-1] + luminance[1:]
+        energy = (rows + np.roll(rows, -1, 1)) / 4 * solid_angle[:, None]
+        length = 1 << LIST_BITS
+        share = (energy / energy.sum() * length).ravel()
+        counts = np.floor(share).astype(np.int64)
+        rest = length - counts.sum()
+        counts[np.argsort(counts - share, kind="stable")[:rest]] += 1
+        pdf = np.zeros((height, width))
+        pdf[:-1] = counts.reshape(height - 1, width) / length / solid_angle[:, None]
+        # Rows alternate in direction, so that neighbours in the list are neighbours in the image.
+        order = np.arange(counts.size).reshape(height - 1, width)
+        order[1::2] = order[1::2, ::-1].copy()
+        order = order.ravel()
+        entries = np.repeat(order, counts[order])
+        first = np.zeros(counts.size)
+        first[order] = np.cumsum(counts[order]) - counts[order]
+        packed = np.concatenate([image, pdf[..., None]], -1)
+        self.texels = upload(mi.Float, packed)
+        self.entries = upload(mi.UInt32, entries)
+        places = np.stack([first, np.maximum(counts, 1)], -1)
+        self.places = upload(mi.UInt32, places)
+        self.cosines = upload(mi.Float, cosine)
+        self.width, self.height = mi.UInt32(width), mi.UInt32(height)
+        import drjit as dr
+
+        dr.make_opaque(self.width, self.height)
+
+    def _fetch(self, column: Any, row: Any, u: Any, v: Any, active: Any) -> tuple[Any, Any]:
+        import drjit as dr
+        import mitsuba as mi
+
+        base = row * self.width
+        right = dr.select(column + 1 == self.width, mi.UInt32(0), column + 1)
+        a = dr.gather(mi.Vector4f, self.texels, base + column, active)
+        b = dr.gather(mi.Vector4f, self.texels, base + right, active)
+        c = dr.gather(mi.Vector4f, self.texels, base + self.width + column, active)
+        d = dr.gather(mi.Vector4f, self.texels, base + self.width + right, active)
+        top, bottom = dr.fma(u, b - a, a), dr.fma(u, d - c, c)
+        value = dr.fma(v, bottom - top, top)
+        return mi.Color3f(value.x, value.y, value.z), a.w
+
+    def eval_pdf(self, direction: Any, active: Any) -> tuple[Any, Any]:
+        """Radiance from, and density in 1/sr of, a direction in the world."""
+        import drjit as dr
+        import mitsuba as mi
+
+        width, height = mi.Float(self.width), mi.Float(self.height)
+        x = dr.atan2(direction.x, -direction.z) * (0.5 / np.pi) * width - 0.5
+        x = dr.select(x < 0, x + width, x)
+        y = dr.safe_acos(direction.y) * (1 / np.pi) * (height - 1)
+        column = mi.UInt32(dr.clip(x, 0, width - 1))
+        row = mi.UInt32(dr.minimum(y, height - 2))
+        return self._fetch(column, row, x - mi.Float(column), y - mi.Float(row), active)
+
+    def sample(self, first: Any, second: Any, active: Any) -> tuple[Any, Any, Any]:
+        """A direction from two 32-bit fractions; its radiance and its density in 1/sr."""
+        import drjit as dr
+        import mitsuba as mi
+
+        place = first >> (32 - LIST_BITS)
+        cell = dr.gather(mi.UInt32, self.entries, place, active)
+        run = dr.gather(mi.Vector2u, self.places, cell, active)
+        # The place within the cell's run, and the bits below it, are uniform in [0, 1) again.
+        rest = mi.Float(first & ((1 << (32 - LIST_BITS)) - 1)) * 2.0 ** -(32 - LIST_BITS)
+        u = (mi.Float(place - run.x) + rest) / mi.Float(run.y)
+        v = fraction(second)
+        row = cell // self.width
+        column = cell - row * self.width
+        upper, lower = (
+            dr.gather(mi.Float, self.cosines, row, active),
+            dr.gather(mi.Float, self.cosines, row + 1, active),
+        )
+        cos_t = dr.fma(v, lower - upper, upper)
+        sin_t = dr.sqrt(dr.maximum(dr.fma(-cos_t, cos_t, 1.0), 0.0))
+        phi = (mi.Float(column) + 0.5 + u) * (2 * np.pi) / mi.Float(self.width)
+        sin_p, cos_p = dr.sincos(phi)
+        y = dr.clip(dr.safe_acos(cos_t) * (1 / np.pi) * (mi.Float(self.height) - 1) - mi.Float(row), 0.0, 1.0)
+        radiance, pdf = self._fetch(column, row, dr.minimum(u, 1.0), y, active)
+        return mi.Vector3f(sin_p * sin_t, cos_t, -cos_p * sin_t), radiance, pdf
+
+
+def fraction(bits: Any) -> Any:
+    """A 32-bit fraction as a float in [0, 1)."""
+    import mitsuba as mi
+
+    return mi.Float(bits >> 8) * 2.0**-24
+
+
+def _scramble(reversed_bits: Any, seed: Any) -> Any:
+    """Owen scrambling of a fraction whose bits are reversed, by the hash of Laine and Karras; bits in order again."""
+    import drjit as dr
+
+    x = reversed_bits + seed
+    for constant in (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6):
+        x = x ^ (x * constant)
+    return dr.brev(x)
+
+
+@dataclass
+class Setup:
+    """A prepared scene in the form the kernel computes with; made once, used for all tables."""
+
+    scene: PreparedScene
+    environment: Environment
+    pixels: np.ndarray
+    camera: list[Any]
+    sphere: list[Any] | None
+    loaded: Any
+    shapes: list[Any]
+
+
+def set_up(scene: PreparedScene) -> Setup:
+    """Upload a prepared scene. Pixels near the material are included, for a corner no coverage ray found."""
+    import drjit as dr
+    import mitsuba as mi
+    from scipy.ndimage import binary_dilation
+
+    near = binary_dilation(scene.coverage > 0, np.ones((3, 3)))
+    rows, columns = np.nonzero(near)
+    spread = np.zeros(len(rows), np.int64)
+    for bit in range(12):  # Morton order: neighbouring lanes look up neighbouring cells
+        spread |= (((columns >> bit) & 1) << (2 * bit)) | (((rows >> bit) & 1) << (2 * bit + 1))
+    order = np.argsort(spread, kind="stable")
+    pixels = (rows * scene.size + columns)[order]
+
+    black = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}})
+    loaded = mi.load_dict(mitsuba_scene(scene, black))
+    rays = [
+        loaded.sensors()[0].sample_ray(0.0, 0.5, mi.Point2f(*at), mi.Point2f(0.5))[0] for at in ((0, 0), (1, 0), (0, 1))
+    ]
+    origin = np.array(rays[0].o).ravel()
+    camera = scene.definition["camera"]
+    forward = np.subtract(camera["target"], camera["origin"])
+    forward = forward / np.linalg.norm(forward)
+    corners = [(d := np.array(ray.d, float).ravel()) / (d @ forward) for ray in rays]
+    vectors = [np.asarray(camera["origin"], float), corners[0], corners[1] - corners[0], corners[2] - corners[0]]
+    assert np.allclose(np.cross(origin - vectors[0], corners[0]), 0, atol=1e-4)
+    view = [mi.Vector3f(*map(float, v)) for v in vectors]
+    sphere = None
+    if scene.lone_sphere:
+        shape = scene.definition["geometry"][0]
+        sphere = [mi.Vector3f(*map(float, shape["position"])), mi.Float(float(shape["size"]))]
+    dr.make_opaque(view, sphere)
+    shapes = [mi.ShapePtr(shape) for shape in material_shapes(loaded, scene.definition)]
+    dr.make_opaque(shapes)
+    return Setup(scene, Environment(scene.environment), pixels, view, sphere, loaded, shapes)
+
+
+def render_batches(setup: Setup, reflectance: Reflectance, samples: int, batches: int, seed: int) -> np.ndarray:
+    """Independent batch means of the material's part of the picture, (batches, size, size, 3) float32.
+
+    ``samples``: a pixel, all batches together, rounded up to a multiple of ``batches``.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    each = -(-samples // batches)
+    size, n = setup.scene.size, len(setup.pixels)
+    points = upload(mi.UInt32, _sobol_points(each))
+    pixel = upload(mi.UInt32, np.tile(setup.pixels, batches))
+    batch = upload(mi.UInt32, np.repeat(np.arange(batches), n))
+    count, width, stream = mi.UInt32(each), mi.UInt32(size), mi.UInt32(seed)
+    dr.make_opaque(count, width, stream)
+    row = pixel // width
+    corner = mi.Point2f(mi.Float(pixel - row * width), mi.Float(row))
+    # Two rounds of a block cipher: seeds that differ in one bit are unrelated (Zafar et al. 2010).
+    key, other = mi.sample_tea_32(pixel, batch * 0x9E3779B9 + stream)
+    keys = [key, other]
+    for dimension in range(2, DIMENSIONS):
+        keys.append(mi.sample_tea_32(key + dimension, other)[0])
+
+    # Scramble seeds stay outside the loop; inside there is one addition and four multiplications a dimension.
+    total = _loop(setup, reflectance, points, keys, corner, count, mi.Float(width))
+    values = np.array(total / mi.Float(count)).T.reshape(batches, n, 3)
+    result = np.zeros((batches, size * size, 3), np.float32)
+    result[:, setup.pixels] = values
+    return result.reshape(batches, size, size, 3)
+
+
+def _loop(setup: Setup, reflectance: Reflectance, points: Any, keys: list, corner: Any, count: Any, width: Any) -> Any:
+    import drjit as dr
+    import mitsuba as mi
+
+    def body(index: Any, total: Any) -> tuple[Any, Any]:
+        low = dr.gather(mi.Vector4u, points, 2 * index)
+        high = dr.gather(mi.Vector4u, points, 2 * index + 1)
+        bits = [_scramble(x, key) for x, key in zip([*low, *high], keys)]
+        at = (corner + mi.Point2f(fraction(bits[0]), fraction(bits[1]))) / width
+        return index + 1, total + _sample(setup, reflectance, at, bits[2:])
+
+    start = (dr.zeros(mi.UInt32, dr.width(corner)), dr.zeros(mi.Color3f, dr.width(corner)))
+    _, total = dr.while_loop(
+        start, lambda index, _: index < count, body, labels=("index", "total"), mode="symbolic", label="samples"
+    )
+    return total
+
+
+def _sample(setup: Setup, reflectance: Reflectance, at: Any, bits: list) -> Any:
+    """Radiance along one camera ray that finds the material, 0 for one that does not."""
+    import drjit as dr
+    import mitsuba as mi
+
+    origin, base, right, down = setup.camera
+    ray_d = dr.normalize(base + at.x * right + at.y * down)
+    if setup.sphere is not None:
+        centre, radius = setup.sphere
+        middle = dr.dot(centre - origin, ray_d)
+        past = (centre - origin) - middle * ray_d
+        half = dr.fma(radius, radius, -dr.squared_norm(past))
+        active = (half > 0) & (middle > 0)
+        normal = (ray_d * -dr.sqrt(dr.maximum(half, 0)) - past) / radius
+        frame, si = mi.Frame3f(normal), None
+    else:
+        si = setup.loaded.ray_intersect(mi.Ray3f(mi.Point3f(origin), ray_d))
+        hit = dr.full(mi.Bool, False)
+        for shape in setup.shapes:
+            hit |= si.shape == shape
+        active = si.is_valid() & hit
+        frame = si.sh_frame
+    wi = frame.to_local(-ray_d)
+    active &= wi.z > 0
+    incidence = reflectance.incidence(wi, active)
+
+    world, radiance, pdf = setup.environment.sample(bits[0], bits[1], active)
+    wo = frame.to_local(world)
+    use = active & (wo.z > 0) & (pdf > 0)
+    if si is not None:
+        use &= ~setup.loaded.ray_test(si.spawn_ray(world), use)
+    value, other = reflectance.eval_pdf(wi, wo, incidence, use)
+    # Power heuristic: p_a^2 / (p_a^2 + p_b^2) / p_a
+    weight = dr.select(use, pdf / dr.maximum(pdf * pdf + other * other, 1e-30), 0)
+    total = dr.select(use, value * radiance * weight, mi.Color3f(0))
+
+    wo = reflectance.sample(wi, fraction(bits[2]), mi.Point2f(fraction(bits[3]), fraction(bits[4])), incidence, active)
+    use = active & (wo.z > 0)
+    world = frame.to_world(wo)
+    if si is not None:
+        use &= ~setup.loaded.ray_test(si.spawn_ray(world), use)
+    value, pdf = reflectance.eval_pdf(wi, wo, incidence, use)
+    radiance, other = setup.environment.eval_pdf(world, use)
+    weight = dr.select(use, pdf / dr.maximum(pdf * pdf + other * other, 1e-30), 0)
+    return total + dr.select(use, value * radiance * weight, mi.Color3f(0))

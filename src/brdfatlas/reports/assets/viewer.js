@@ -1,0 +1,298 @@
+// The viewer: factor fits on a sphere under an environment, by Monte Carlo in a fragment shader (WebGL 2).
+// Each sample draws its light direction from one of three densities (environment, microfacet normals by D, cosine) and
+// divides by their mixture, the balance heuristic with one sample.
+"use strict";
+(() => {
+  const D = window.ATLAS_VIEWER_DATA, $ = (id) => document.getElementById(id);
+  const say = (text) => { $("message").textContent = text; };
+  if (!D) { say("data/viewer.js is missing."); return; }
+  if (!D.rows.length) return;
+  const canvas = $("canvas"), gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
+  if (!gl || !gl.getExtension("EXT_color_buffer_float")) { say("This browser has no WebGL 2 with float textures."); return; }
+
+  const RENDER = `#version 300 es
+precision highp float; precision highp int; precision highp sampler2D;
+uniform sampler2D factors, lights, alias, history;
+uniform ivec2 fit; uniform ivec2 grid; uniform int first, count; uniform float split; uniform vec2 size;
+uniform mat3 view; uniform float turn;
+out vec4 sum;
+const float PI = 3.14159265358979;
+uint state;
+float random() {
+  state = state * 747796405u + 2891336453u;
+  uint w = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
+  return float(((w >> 22u) ^ w) >> 8u) * (1.0 / 16777216.0);
+}
+uint mixed(uint x) { x ^= x >> 16u; x *= 0x7feb352du; x ^= x >> 15u; x *= 0x846ca68bu; return x ^ (x >> 16u); }
+vec3 row(int x, int y) { return texelFetch(factors, ivec2(x, y), 0).rgb; }
+vec3 line(int start, float x, int n, int y) {
+  x = clamp(x, 0.0, float(n - 1));
+  int low = min(int(x), n - 2);
+  return mix(row(start + low, y), row(start + low + 1, y), x - float(low));
+}
+float angle(vec3 a, vec3 b) { return 2.0 * atan(length(a - b), length(a + b)); }
+// G / cos, both linear between the nodes.
+vec3 shadowing(float c, int y) {
+  float x = acos(clamp(c, 0.0, 1.0)) / (0.5 * PI) * 89.0;
+  int low = min(int(x), 88);
+  float s = x - float(low), step_ = 0.5 * PI / 89.0;
+  float below = mix(cos(float(low) * step_), low == 88 ? 0.0 : cos(float(low + 1) * step_), s);
+  return mix(row(180 + low, y), row(181 + low, y), s) / max(below, 1e-9);
+}
+vec3 brdf(vec3 wi, vec3 wo, int y) {
+  vec3 h = normalize(wi + wo);
+  float theta_h = atan(length(h.xy), h.z), theta_d = 0.5 * angle(wi, wo);
+  vec3 m = line(0, sqrt(theta_h / (0.5 * PI)) * 90.0 - 0.5, 90, y) * line(90, theta_d / (0.5 * PI) * 90.0 - 0.5, 90, y);
+  vec3 g0 = row(180, y);
+  if (g0.r + g0.g + g0.b > 0.0) m *= shadowing(wi.z, y) * shadowing(wo.z, y);
+  else {
+    float r = length(h.xy);
+    vec2 p = r > 1e-6 ? h.xy / r : vec2(1.0, 0.0);
+    float along = h.z * dot(wi.xy, p) - r * wi.z, across = wi.y * p.x - wi.x * p.y;
+    float x = mod(mod(atan(across, along), PI) / PI * 180.0 - 0.5, 180.0);
+    int low = min(int(x), 179);
+    m *= mix(row(272 + low, y), row(272 + (low + 1) % 180, y), x - float(low));
+  }
+  return max(row(270, y) + row(271, y) * m, 0.0);
+}
+float edge(int k) { float x = float(k) / 90.0; return x * x * 0.5 * PI; }
+float square(float x) { return x * x; }
+float mass(int k, int y) { return texelFetch(factors, ivec2(k, y), 0).a - (k > 0 ? texelFetch(factors, ivec2(k - 1, y), 0).a : 0.0); }
+// Density of microfacet normals per solid angle, constant in sin^2 within a cell.
+float normal_pdf(vec3 h, int y) {
+  float theta = atan(length(h.xy), h.z);
+  int k = clamp(int(sqrt(theta / (0.5 * PI)) * 90.0), 0, 89);
+  return mass(k, y) * h.z / (PI * (square(sin(edge(k + 1))) - square(sin(edge(k)))));
+}
+vec3 draw_normal(int y) {
+  float u = random(), v = random();
+  int low = 0, high = 89;
+  for (int i = 0; i < 7; i++) { int mid = (low + high) / 2; if (texelFetch(factors, ivec2(mid, y), 0).a < u) low = min(mid + 1, high); else high = mid; }
+  float a = square(sin(edge(low))), b = square(sin(edge(low + 1))), s2 = mix(a, b, random());
+  return vec3(sqrt(s2) * vec2(cos(2.0 * PI * v), sin(2.0 * PI * v)), sqrt(max(0.0, 1.0 - s2)));
+}
+// World directions: y up, as in the scenes. Columns turn with the light.
+ivec2 cell(vec3 d) {
+  float theta = acos(clamp(d.y, -1.0, 1.0)), phi = atan(d.x, -d.z) + turn;
+  float x = fract(phi / (2.0 * PI)) * float(grid.x);
+  return ivec2(min(int(x), grid.x - 1), min(int(theta / PI * float(grid.y)), grid.y - 1));
+}
+vec3 draw_light() {
+  int n = grid.x * grid.y, i = min(int(random() * float(n)), n - 1);
+  vec4 a = texelFetch(alias, ivec2(i % grid.x, i / grid.x), 0);
+  if (random() >= a.x) i = int(a.y + 0.5);
+  int column = i % grid.x, line_ = i / grid.x;
+  float top = cos(float(line_) * PI / float(grid.y)), bottom = cos(float(line_ + 1) * PI / float(grid.y));
+  float c = mix(top, bottom, random()), s = sqrt(max(0.0, 1.0 - c * c));
+  float phi = (float(column) + random()) / float(grid.x) * 2.0 * PI - turn;
+  return vec3(sin(phi) * s, c, -cos(phi) * s);
+}
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  vec4 before = first > 0 ? texelFetch(history, at, 0) : vec4(0.0);
+  vec3 total = vec3(0.0);
+  int y = gl_FragCoord.x < split * size.x ? fit.x : fit.y;
+  state = mixed(uint(at.x) + mixed(uint(at.y) + mixed(uint(first) + 1u)));
+  for (int i = 0; i < count; i++) {
+    vec2 p = ((vec2(at) + vec2(random(), random())) / size * 2.0 - 1.0) * tan(radians(21.0) / 2.0);
+    vec3 o = view * vec3(0.0, 0.0, 6.0), d = normalize(view * vec3(p, -1.0));
+    float b = dot(o, d), q = b * b - dot(o, o) + 1.0;
+    if (q < 0.0) { total += texelFetch(lights, cell(d), 0).rgb; continue; }
+    vec3 n = normalize(o + (-b - sqrt(q)) * d);
+    vec3 t = normalize(abs(n.y) < 0.99 ? cross(vec3(0, 1, 0), n) : cross(vec3(1, 0, 0), n)), s = cross(n, t);
+    mat3 frame = mat3(t, s, n);
+    vec3 wo = -d * frame;
+    if (wo.z <= 1e-4) continue;
+    float pick = random();
+    vec3 wi;
+    if (pick < 0.5) wi = draw_light() * frame;
+    else if (pick < 0.85) { vec3 h = draw_normal(y); wi = 2.0 * dot(wo, h) * h - wo; }
+    else { float r = sqrt(random()), a = 2.0 * PI * random(); wi = vec3(r * cos(a), r * sin(a), sqrt(max(0.0, 1.0 - r * r))); }
+    if (wi.z <= 0.0) continue;
+    vec3 world = frame * wi, h = normalize(wi + wo);
+    ivec2 c = cell(world);
+    float pdf = 0.5 * texelFetch(alias, c, 0).z + 0.35 * normal_pdf(h, y) / max(4.0 * dot(wo, h), 1e-6) + 0.15 * wi.z / PI;
+    if (pdf > 0.0) total += brdf(wi, wo, y) * texelFetch(lights, c, 0).rgb * (wi.z / pdf);
+  }
+  sum = before + vec4(total, float(count));
+}`;
+  const SHOW = `#version 300 es
+precision highp float; precision highp sampler2D;
+uniform sampler2D history; uniform float exposure, gamma, split; uniform vec2 size; out vec4 colour;
+void main() {
+  vec4 h = texelFetch(history, ivec2(gl_FragCoord.xy), 0);
+  vec3 c = pow(1.0 - exp2(-exposure * h.rgb / max(h.a, 1.0)), vec3(1.0 / gamma));
+  float x = gl_FragCoord.x - split * size.x;
+  colour = vec4(abs(x) < 0.75 && split > 0.0 && split < 1.0 ? vec3(1.0) : c, 1.0);
+}`;
+  function program(fragment) {
+    const made = gl.createProgram();
+    for (const [kind, source] of [[gl.VERTEX_SHADER, "#version 300 es\nvoid main() { gl_Position = vec4(vec2((gl_VertexID << 1) & 2, gl_VertexID & 2) * 2.0 - 1.0, 0.0, 1.0); }"], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, source);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+      gl.attachShader(made, shader);
+    }
+    gl.linkProgram(made);
+    if (!gl.getProgramParameter(made, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(made));
+    const cache = {};
+    return { use: () => gl.useProgram(made), at: (name) => (name in cache ? cache[name] : (cache[name] = gl.getUniformLocation(made, name))) };
+  }
+  function texture(width, height, data) {
+    const made = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, made);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, width, height, 0, gl.RGBA, gl.FLOAT, data);
+    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
+    return made;
+  }
+  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+  function half(h) { // IEEE half to number
+    const e = (h >> 10) & 31, m = h & 1023, s = h & 32768 ? -1 : 1;
+    return s * (e === 0 ? m * 2 ** -24 : e === 31 ? Infinity : (1 + m / 1024) * 2 ** (e - 15));
+  }
+  const environments = D.environments.map((e) => {
+    const h = e.height, w = 2 * h, raw = new Uint16Array(bytes(e.data)), rgba = new Float32Array(4 * w * h), power = new Float64Array(w * h);
+    for (let i = 0; i < w * h; i++) {
+      for (let c = 0; c < 3; c++) rgba[4 * i + c] = half(raw[3 * i + c]);
+      const j = Math.floor(i / w), solid = (Math.cos(j * Math.PI / h) - Math.cos((j + 1) * Math.PI / h)) * 2 * Math.PI / w;
+      rgba[4 * i + 3] = solid;
+      power[i] = (0.2126 * rgba[4 * i] + 0.7152 * rgba[4 * i + 1] + 0.0722 * rgba[4 * i + 2] + 1e-6) * solid;
+    }
+    // Vose's alias table: x threshold, y other cell, z density per solid angle.
+    const n = w * h, total = power.reduce((a, b) => a + b, 0), table = new Float32Array(4 * n), scaled = power.map((p) => p * n / total);
+    const small = [], large = [];
+    scaled.forEach((p, i) => { (p < 1 ? small : large).push(i); table[4 * i] = 1; table[4 * i + 1] = i; table[4 * i + 2] = power[i] / total / rgba[4 * i + 3]; });
+    while (small.length && large.length) {
+      const s = small.pop(), l = large.pop();
+      table[4 * s] = scaled[s]; table[4 * s + 1] = l;
+      scaled[l] += scaled[s] - 1;
+      (scaled[l] < 1 ? small : large).push(l);
+    }
+    return { name: e.name, width: w, height: h, lights: texture(w, h, rgba), alias: texture(w, h, table) };
+  });
+  const factors = texture(D.width, D.rows.length, new Float32Array(bytes(D.texture)));
+  const render = program(RENDER), show = program(SHOW);
+  gl.bindVertexArray(gl.createVertexArray());
+
+  // --- state -------------------------------------------------------------------------------------------------------------
+  const TONES = JSON.parse($("tones").textContent);
+  const state = { a: 0, b: 0, environment: 0, split: 0.5, exposure: 0, azimuth: 0, elevation: 0, turn: 0 };
+  let targets = [], samples = 0, budget = 4096, paused = false;
+  function resize(width, height) {
+    canvas.width = width; canvas.height = height;
+    for (const t of targets) { gl.deleteTexture(t.texture); gl.deleteFramebuffer(t.buffer); }
+    targets = [0, 1].map(() => {
+      const made = texture(width, height, null), buffer = gl.createFramebuffer();
+      gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, made, 0);
+      return { texture: made, buffer };
+    });
+    restart();
+  }
+  function restart() { samples = 0; }
+  function bind(unit, made, where) { gl.activeTexture(gl.TEXTURE0 + unit); gl.bindTexture(gl.TEXTURE_2D, made); gl.uniform1i(where, unit); }
+  function matrix() {
+    const [ca, sa, ce, se] = [Math.cos(state.azimuth), Math.sin(state.azimuth), Math.cos(state.elevation), Math.sin(state.elevation)];
+    return [ca, 0, -sa, sa * se, ce, ca * se, sa * ce, -se, ca * ce]; // columns: right, up, backwards
+  }
+  function accumulate(count) {
+    const e = environments[state.environment], [from, to] = targets;
+    render.use();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, to.buffer);
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    bind(0, factors, render.at("factors")); bind(1, e.lights, render.at("lights")); bind(2, e.alias, render.at("alias")); bind(3, from.texture, render.at("history"));
+    gl.uniform2i(render.at("fit"), state.a, state.b);
+    gl.uniform2i(render.at("grid"), e.width, e.height);
+    gl.uniform1i(render.at("first"), samples);
+    gl.uniform1i(render.at("count"), count);
+    gl.uniform1f(render.at("split"), state.split);
+    gl.uniform2f(render.at("size"), canvas.width, canvas.height);
+    gl.uniformMatrix3fv(render.at("view"), false, matrix());
+    gl.uniform1f(render.at("turn"), state.turn);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    targets.reverse();
+    samples += count;
+  }
+  function develop() {
+    const tone = TONES[environments[state.environment].name] || { exposure: 1, gamma: 2.2 };
+    show.use();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    bind(0, targets[0].texture, show.at("history"));
+    gl.uniform1f(show.at("exposure"), tone.exposure * 2 ** state.exposure);
+    gl.uniform1f(show.at("gamma"), tone.gamma);
+    gl.uniform1f(show.at("split"), state.split);
+    gl.uniform2f(show.at("size"), canvas.width, canvas.height);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+  function frame() {
+    if (!paused && samples < budget && !document.hidden) {
+      accumulate(samples < 16 ? 2 : 8);
+      develop();
+      $("samples").textContent = `${samples} samples a pixel`;
+    }
+    requestAnimationFrame(frame);
+  }
+
+  // --- controls ------------------------------------------------------------------------------------------------------------
+  const option = (value, text) => { const o = document.createElement("option"); o.value = value; o.textContent = text; return o; };
+  const materials = [...new Map(D.rows.map((r) => [r.material, r])).values()];
+  const models = [...new Map(D.rows.map((r) => [r.model, r])).values()];
+  for (const side of ["a", "b"]) {
+    materials.forEach((r) => $(`material-${side}`).append(option(r.material, r.standin ? `${r.title} (stand-in)` : r.title)));
+    models.forEach((r) => $(`model-${side}`).append(option(r.model, r.model_title)));
+    const choose = () => {
+      const material = $(`material-${side}`).value, model = $(`model-${side}`).value;
+      const found = D.rows.findIndex((r) => r.material === material && r.model === model);
+      say(found < 0 ? `No fit of ${model} to ${material} in this run: the picture is unchanged.` : "");
+      if (found >= 0) state[side] = found;
+      canvas.setAttribute("aria-label", `Sphere: ${["a", "b"].map((s) => `${D.rows[state[s]].title}, ${D.rows[state[s]].model_title}`).join(" beside ")}; arrow keys turn the view, with Shift the light`);
+      restart();
+    };
+    $(`material-${side}`).addEventListener("change", choose);
+    $(`model-${side}`).addEventListener("change", choose);
+    if (side === "b") $("model-b").selectedIndex = models.length - 1;
+    choose();
+  }
+  environments.forEach((e, i) => $("environment").append(option(i, e.name.replaceAll("_", " "))));
+  $("environment").addEventListener("change", (e) => { state.environment = Number(e.target.value); restart(); });
+  $("split").addEventListener("input", (e) => { state.split = Number(e.target.value); restart(); });
+  $("exposure").addEventListener("input", (e) => { state.exposure = Number(e.target.value); develop(); });
+  $("controls").addEventListener("submit", (e) => e.preventDefault());
+  function turnBy(dx, dy, light) {
+    if (light) state.turn += dx;
+    else { state.azimuth -= dx; state.elevation = Math.min(Math.max(state.elevation + dy, -1.5), 1.5); }
+    restart();
+  }
+  let last = null;
+  canvas.addEventListener("pointerdown", (e) => { last = e; canvas.setPointerCapture(e.pointerId); });
+  canvas.addEventListener("pointermove", (e) => { if (last) { turnBy((e.clientX - last.clientX) / 150, (e.clientY - last.clientY) / 150, e.shiftKey || e.buttons === 2); last = e; } });
+  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { last = null; });
+  canvas.addEventListener("contextmenu", (e) => e.preventDefault());
+  canvas.addEventListener("keydown", (e) => {
+    const by = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[e.key];
+    if (by) { e.preventDefault(); turnBy(...by, e.shiftKey); }
+    if (e.key === "r") { Object.assign(state, { azimuth: 0, elevation: 0, turn: 0 }); restart(); }
+  });
+  resize(512, 512);
+  requestAnimationFrame(frame);
+  // For tests and for whoever wants the numbers: linear radiance, rows from the bottom, after a number of samples.
+  window.ATLAS_VIEWER = {
+    state, restart, resize, environments: environments.map((e) => e.name),
+    get samples() { return samples; },
+    linear(wanted, step = 32) {
+      paused = true;
+      restart();
+      while (samples < wanted) accumulate(Math.min(step, wanted - samples));
+      gl.bindFramebuffer(gl.FRAMEBUFFER, targets[0].buffer);
+      const raw = new Float32Array(4 * canvas.width * canvas.height);
+      gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.FLOAT, raw);
+      develop();
+      paused = false;
+      const out = [];
+      for (let i = 0; i < raw.length; i += 4) out.push(raw[i] / raw[i + 3], raw[i + 1] / raw[i + 3], raw[i + 2] / raw[i + 3]);
+      return out;
+    },
+  };
+})();

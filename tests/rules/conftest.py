@@ -1,0 +1,29 @@
+"""Running one rule alone: every other file of the small run is there, the rule's outputs are made anew."""
+
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="module", autouse=True)
+def in_order_again(finished_run):
+    """A rule that ran alone is newer than what follows from it; the next module finds a finished run again."""
+    yield
+    finished_run.snakemake("--touch")
+
+
+@pytest.fixture
+def run_rule(finished_run):
+    """run_rule(rule, target): remove ``target`` and run the one job that makes it; returns its path."""
+
+    def run(rule: str, target: str) -> Path:
+        path = finished_run.root / target
+        path.unlink(missing_ok=True)
+        alone = ("--rerun-triggers", "mtime", "--allowed-rules", rule, "--", target)
+        planned = finished_run.planned(*alone)
+        assert planned == {rule: 1}, f"one job of {rule} makes {target}, planned were {planned}"
+        finished_run.snakemake(*alone)
+        assert path.exists()
+        return path
+
+    return run

@@ -1,0 +1,75 @@
+"""Rules of the report, each alone: write_assets, write_material_page, write_model_pages, write_index, write_viewer,
+typeset_material, write_supplement."""
+
+import json
+import math
+
+import pandas as pd
+import pytest
+from pypdf import PdfReader
+
+
+def table(root, name: str) -> pd.DataFrame:
+    return pd.read_csv(root / f"reports/data/{name}.tsv", sep="\t", keep_default_na=False, na_values=["nan"])
+
+
+def test_write_assets(run_rule):
+    page = run_rule("write_assets", "reports/compare.html").read_text(encoding="utf-8")
+    for asset in ("site.css", "compare.js", "icon.svg"):
+        assert f"assets/{asset}" in page
+
+
+def test_write_material_page(run_rule, finished_run):
+    page = run_rule("write_material_page", "reports/materials/chrome.html").read_text(encoding="utf-8")
+    root = finished_run.root
+    source = pd.read_csv(root / "results/errors/chrome.tsv", sep="\t").set_index(["model", "scene"])["psnr_db"]
+    copied = table(root, "chrome.errors").set_index(["model", "scene"])["psnr_db"].astype(float)
+    pd.testing.assert_series_equal(copied, source, rtol=1e-8)
+    for model in ("ggx", "gaussian"):
+        assert f"{source[model, 'studio_sphere']:.1f}" in page
+    assert "Stand-in, not a measurement" in page
+
+
+def test_write_model_pages(run_rule, finished_run):
+    page = run_rule("write_model_pages", "reports/models/ggx.html").read_text(encoding="utf-8")
+    fits = table(finished_run.root, "model-ggx.fits").set_index("material")
+    assert sorted(fits.index) == ["chrome", "pink-felt"]
+    report = json.loads((finished_run.root / "results/fits/chrome/ggx.json").read_text())
+    assert fits.loc["chrome", "objective"] == pytest.approx(report["objective"], rel=1e-8)
+    assert fits.loc["chrome", "bad_cells"] == 0
+    assert "Dupuy" in page
+
+
+def test_write_index(run_rule, finished_run):
+    page = run_rule("write_index", "reports/index.html").read_text(encoding="utf-8")
+    root = finished_run.root
+    models, errors = table(root, "models").set_index("model"), table(root, "errors")
+    for model in ("ggx", "gaussian"):
+        mean = errors[errors["model"] == model]["psnr_db"].astype(float).mean()
+        assert models.loc[model, "psnr_db_mean"] == pytest.approx(mean, rel=1e-6)
+        assert f"{mean:.1f}" in page
+    assert "2 of 2 materials are stand-ins" in page
+    script = (root / "reports/data/atlas.js").read_text()
+    atlas = json.loads(script.removeprefix("window.ATLAS=").rstrip(";\n"))
+    assert [m["name"] for m in atlas["materials"]] == ["pink-felt", "chrome"]
+    assert all(value is None or value > 0 or math.isinf(value) for value in atlas["values"]["psnr_db"])
+
+
+def test_write_viewer(run_rule):
+    """The small run has no factor model: the viewer says so instead of breaking."""
+    assert "no fit of the form" in run_rule("write_viewer", "reports/viewer.html").read_text(encoding="utf-8")
+
+
+def test_typeset_material(run_rule):
+    reader = PdfReader(run_rule("typeset_material", "results/pdf/chrome.pdf"))
+    assert len(reader.pages) == 2
+    assert "stand-in, not a measurement" in reader.pages[0].extract_text()
+
+
+def test_write_supplement(run_rule, finished_run):
+    """The parts are there once each has been set; the overview and two pages a material follow."""
+    finished_run.snakemake("--", "results/pdf/chrome.pdf", "results/pdf/pink-felt.pdf")
+    finished_run.snakemake("--", "reports/supplement.pdf")
+    reader = PdfReader(run_rule("write_supplement", "reports/supplement.pdf"))
+    assert len(reader.pages) == 2 + 2 * 2
+    assert [item.title for item in reader.outline] == ["Overview", "pink felt (stand-in)", "chrome (stand-in)"]

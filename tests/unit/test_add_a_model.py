@@ -1,0 +1,121 @@
+"""docs/add-a-model.md holds: a model from outside the package, by path and by entry point, is fitted and evaluated."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brdfatlas.angles import GRID_SHAPE, above_horizon
+from brdfatlas.fits import fit, load_fit
+from brdfatlas.measured import Measured
+from brdfatlas.models import MODELS, Registry, load_model_file
+from brdfatlas.models.base import FitError, Model
+from brdfatlas.physics import physics_checks
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "examples" / "lambertian.py"
+GREY = np.array([0.25, 0.1, 0.003], np.float32)
+
+
+def constant_material() -> Measured:
+    table = np.broadcast_to(GREY, (*GRID_SHAPE, 3)).copy()
+    table[~above_horizon()] = np.nan
+    return Measured("constant", table)
+
+
+def check_fit(name: str, folder: Path) -> None:
+    """Fit, save, load and evaluate the model of this name on a constant BRDF."""
+    fitted = fit(name, constant_material())
+    table = fitted.table()[above_horizon()]
+    # one number for all cells, float64 inside: exact to the last bit of the float32 table
+    assert np.all(table == GREY)
+    np.testing.assert_allclose(fitted.parameters["albedo"], np.pi * GREY.astype(float), rtol=1e-12)
+    fitted.save(folder / "fit.npz")
+    loaded = load_fit(folder / "fit.npz")
+    rng = np.random.default_rng(1)
+    wi, wo = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in rng.normal(size=(2, 50, 3)))
+    seen = (wi[:, 2] > 0) & (wo[:, 2] > 0)
+    rgb = loaded.evaluate(wi, wo)
+    np.testing.assert_allclose(rgb[seen], np.broadcast_to(GREY, (seen.sum(), 3)), rtol=1e-7)
+    assert np.all(rgb[~seen] == 0)
+    checks = physics_checks(fitted)
+    assert checks["reciprocity_error"] == 0
+    assert checks["bad_cells"] == 0
+    np.testing.assert_allclose(checks["max_albedo"], np.pi * GREY, rtol=1e-5)
+
+
+def test_a_model_joins_by_its_path(tmp_path):
+    assert "lambertian" not in MODELS
+    MODELS.register_file("lambertian", EXAMPLE)
+    try:
+        assert "lambertian" in list(MODELS)
+        check_fit("lambertian", tmp_path)
+    finally:
+        # leave the registry of this process as it was
+        MODELS._files.pop("lambertian")
+        MODELS._load.cache_clear()
+
+
+def test_a_model_joins_by_an_entry_point(tmp_path, monkeypatch):
+    name = "lambertian_from_a_package"
+    source = EXAMPLE.read_text().replace('name = "lambertian"', f'name = "{name}"')
+    (tmp_path / "outside_models.py").write_text(source)
+    info = tmp_path / "outside_models-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: outside-models\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[brdfatlas.models]\n{name} = outside_models:Lambertian\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    try:
+        assert name in list(Registry())
+        check_fit(name, tmp_path)
+    finally:
+        MODELS._load.cache_clear()
+
+
+def test_the_example_fits_by_least_squares():
+    """Any other albedo has a larger weighted error: the weighted mean is the minimum."""
+    rng = np.random.default_rng(2)
+    measured = constant_material()
+    measured = Measured("noisy", measured.table * rng.uniform(0.5, 1.5, measured.table.shape).astype(np.float32))
+    model = load_model_file(EXAMPLE)
+    from brdfatlas.objectives import importance_weight
+
+    weight = importance_weight(measured.valid, measure="pairs")
+    best = model.fit(measured).parameters["albedo"]
+    rho = np.nan_to_num(measured.table)
+
+    def error(albedo):
+        return np.einsum("hdp,hdpc->", weight, (rho - albedo / np.pi) ** 2)
+
+    assert all(error(best) < error(best * factor) for factor in (0.99, 1.01))
+
+
+def test_wrong_files_are_named(tmp_path):
+    with pytest.raises(ImportError, match=r"nowhere\.py: no such model file"):
+        load_model_file(tmp_path / "nowhere.py")
+    (tmp_path / "empty.py").write_text("x = 1\n")
+    with pytest.raises(ImportError, match=r"empty\.py: expected one Model class"):
+        load_model_file(tmp_path / "empty.py")
+    shutil.copy(EXAMPLE, tmp_path / "other.py")
+    with pytest.raises(ImportError, match="named 'another'"):
+        load_model_file(tmp_path / "other.py", "another")
+
+
+def test_wrong_options_and_empty_materials_are_named():
+    model = load_model_file(EXAMPLE)
+    with pytest.raises(ValueError, match=r"lambertian: measure = 'area' is not one of pairs, slice"):
+        model.check_options({"measure": "area"})
+    with pytest.raises(FitError, match="lambertian on empty: no valid cell"):
+        model.fit(Measured("empty", np.full((*GRID_SHAPE, 3), np.nan, np.float32)))
+
+
+def test_the_document_names_what_exists():
+    """Every attribute the document explains is one of Model, and every file it links to is there."""
+    text = (ROOT / "docs" / "add-a-model.md").read_text()
+    for cell in re.findall(r"^\| (`[^|]*`) \|", text, re.MULTILINE):
+        for attribute in re.findall(r"`(\w+)`", cell):
+            assert attribute in Model.__annotations__, attribute
+    for target in re.findall(r"\]\(([^)]+)\)", text):
+        assert (ROOT / "docs" / target).exists(), target

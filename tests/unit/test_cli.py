@@ -1,0 +1,109 @@
+"""The command line: a whole chain on one file, and one clear line for every fault."""
+
+import json
+
+import numpy as np
+import pytest
+
+import brdfatlas
+from brdfatlas.cli import main, parse_options
+from brdfatlas.measured import read_merl
+
+
+@pytest.fixture(scope="module")
+def material(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cli") / "pink-felt.binary"
+    assert main(["standin", "pink-felt", "-o", str(path)]) == 0
+    return path
+
+
+def run_json(capsys, *arguments):
+    capsys.readouterr()
+    assert main([*map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_models_lists_every_model(capsys):
+    listed = run_json(capsys, "models")
+    assert list(listed) == list(brdfatlas.MODELS)
+    for entry in listed.values():
+        assert entry["bytes"] > 0
+        assert entry["paper"]
+
+
+def test_info(capsys, material):
+    info = run_json(capsys, "info", material)
+    assert info["valid_cells"] <= info["cells_above_horizon"]
+    assert 0 < min(info["albedo"]) <= max(info["albedo"]) < 1
+
+
+def test_fit_table_compare(capsys, material, tmp_path):
+    report = run_json(capsys, "fit", "ggx", material, "-o", tmp_path / "ggx.npz")
+    assert report["converged"]
+    assert main(["table", str(tmp_path / "ggx.npz"), "-o", str(tmp_path / "ggx.binary")]) == 0
+    fitted = brdfatlas.load_fit(tmp_path / "ggx.npz")
+    np.testing.assert_allclose(read_merl(tmp_path / "ggx.binary").table, fitted.table(), rtol=1e-5)
+    same = run_json(capsys, "compare", tmp_path / "ggx.npz", tmp_path / "ggx.binary")
+    other = run_json(capsys, "compare", material, tmp_path / "ggx.npz")
+    for name in same:
+        assert abs(same[name]) < 1e-6 < abs(other[name]), name
+
+
+def test_python_functions_are_the_commands(material):
+    measured = brdfatlas.read_merl(material)
+    a, b = (brdfatlas.fit("ggx", measured, seed=0) for _ in range(2))
+    for name in a.parameters:
+        np.testing.assert_array_equal(a.parameters[name], b.parameters[name])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["info", "absent.binary"], "absent.binary: no such file"),
+        (["standin", "pink-flet", "-o", "x.binary"], "pink-felt"),
+        (["fit", "ggy", "{m}", "-o", "x.npz"], "unknown model 'ggy'; known: "),
+        (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "colour=1"], "colour"),
+        (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "colour"], "KEY=VALUE"),
+        (["table", "{m}", "-o", "x.binary"], "not a brdfatlas fit"),
+        (["table", "absent.npz", "-o", "x.binary"], "absent.npz: no such fit"),
+    ],
+)
+def test_faults_are_one_line_and_write_nothing(capsys, material, tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert main([a.replace("{m}", str(material)) for a in arguments]) == 1
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_are_json_where_they_can_be():
+    assert parse_options(["a=1", "b=true", "c=egsr2015"]) == {"a": 1, "b": True, "c": "egsr2015"}
+
+
+def test_image_errors_of_foreign_images(capsys, tmp_path):
+    """A constant offset of 1 % of the peak is 40 dB whatever the renderer."""
+    OpenEXR = pytest.importorskip("OpenEXR")
+    rng = np.random.default_rng(0)
+    image = rng.random((32, 32)).astype(np.float32)
+    image.flat[0] = 1.0
+    for name, offset in (("a", 0.0), ("b", 0.01)):
+        channels = {c: image + np.float32(offset) for c in "RGB"}
+        OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(tmp_path / f"{name}.exr"))
+    errors = run_json(capsys, "image-errors", tmp_path / "a.exr", tmp_path / "b.exr")
+    assert errors["psnr_db"] == pytest.approx(40, abs=0.01)
+    assert errors["rmse"] == pytest.approx(0.01, rel=1e-3)
+    assert run_json(capsys, "image-errors", tmp_path / "a.exr", tmp_path / "a.exr")["rmse"] == 0
+
+
+def test_render_writes_the_picture_of_the_file(material, tmp_path):
+    """The command's EXR is the function's picture; felt reflects some light."""
+    from brdfatlas.images import load_render
+    from brdfatlas.rendering.jobs import render_file
+
+    output = tmp_path / "felt.exr"
+    assert main(["render", str(material), "--spp", "16", "--size", "16", "-o", str(output)]) == 0
+    render = load_render(output)
+    expected = render_file(material, "studio_sphere", samples=16, size=16)
+    assert render.mean[render.mask].max() > 0
+    np.testing.assert_allclose(render.mean, expected.mean, rtol=1e-5, atol=1e-7)

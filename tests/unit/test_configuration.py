@@ -1,0 +1,160 @@
+"""Configuration: defaults, and one clear line with file, key and remedy for every fault."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from brdfatlas.measured import FILE_BYTES, write_merl
+from brdfatlas.pipeline import configuration
+from brdfatlas.pipeline.configuration import ConfigError, check, choose, read_config, read_models, read_yaml
+from brdfatlas.pipeline.materials import find_materials
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(autouse=True)
+def in_project(monkeypatch):
+    monkeypatch.chdir(ROOT)
+
+
+def test_shipped_files_are_valid():
+    for name in ("config.yaml", "full.yaml"):
+        read_config(read_yaml(f"config/{name}"), name)
+    assert list(read_models("config/models.yaml"))
+
+
+def test_defaults_are_filled_at_every_depth():
+    config = read_config({"render": {"size": 32}})
+    assert config["render"]["size"] == 32
+    assert config["render"]["batches"] == 8
+    assert config["strict"] is False
+
+
+def test_every_key_has_default_and_description_and_is_explained():
+    def walk(schema, prefix=""):
+        for key, part in schema["properties"].items():
+            yield prefix + key, part
+            if "properties" in part:
+                yield from walk(part, f"{prefix}{key}.")
+
+    text = (ROOT / "config" / "README.md").read_text()
+    for key, part in walk(read_yaml("workflow/schemas/config.schema.yaml")):
+        assert {"default", "description"} <= part.keys(), key
+        assert f"`{key}`" in text, f"config/README.md does not explain {key}"
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        ({"render": {"sizes": 3}}, ["render", "sizes", "known keys", "samples"]),
+        ({"render": {"samples": 0}}, ["render.samples", "0"]),
+        ({"strict": "yes"}, ["strict", "boolean"]),
+        ({"materials": "chrome"}, ["materials"]),
+    ],
+)
+def test_faults_name_file_and_key(config, words):
+    with pytest.raises(ConfigError) as caught:
+        read_config(config, "config/mine.yaml")
+    message = str(caught.value)
+    assert message.startswith("config/mine.yaml: ")
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_yaml_faults_name_file_and_line(tmp_path):
+    (tmp_path / "bad.yaml").write_text("a: 1\nb: [1,\n")
+    with pytest.raises(ConfigError, match=r"bad.yaml: line \d+"):
+        read_yaml(tmp_path / "bad.yaml")
+    with pytest.raises(ConfigError, match="no such file"):
+        read_yaml(tmp_path / "absent.yaml")
+
+
+@pytest.mark.parametrize(
+    ("models", "words"),
+    [
+        ({"ggxx": {}}, "ggxx.*source"),
+        ({"ggx": {"colour": 1}}, "ggx.*colour.*known options"),
+        ({"reference": {}}, "reserved"),
+        ({"a b;rm": {}}, "not a usable name"),
+        ({"mine": {"source": "absent.py"}}, "mine.*absent.py.*no such model file"),
+    ],
+)
+def test_model_faults(tmp_path, models, words):
+    path = tmp_path / "models.yaml"
+    path.write_text(yaml.safe_dump(models))
+    with pytest.raises(ConfigError, match=words) as caught:
+        read_models(path)
+    assert str(path) in str(caught.value)
+
+
+def test_choose_says_what_is_known():
+    assert choose("all", ["a", "b"], "models", "f") == ["a", "b"]
+    assert choose(["b", "b"], ["a", "b"], "models", "f") == ["b"]
+    with pytest.raises(ConfigError, match="'c' is not known; known: a, b"):
+        choose(["c"], ["a", "b"], "models", "f")
+
+
+def test_check_says_what_a_key_means():
+    schema = {"type": "object", "properties": {"n": {"type": "integer", "description": "How many."}}}
+    with pytest.raises(ConfigError, match="How many"):
+        check({"n": "x"}, schema, "f")
+
+
+@pytest.fixture(scope="module")
+def good_file(tmp_path_factory):
+    import numpy as np
+
+    path = tmp_path_factory.mktemp("merl") / "good.binary"
+    write_merl(path, np.full((90, 90, 180, 3), 0.1, np.float32))
+    return path
+
+
+def test_bad_materials_are_left_out_with_a_reason_and_verdicts_are_kept(tmp_path, good_file, monkeypatch):
+    folder = tmp_path / "merl"
+    folder.mkdir()
+    (folder / "good.binary").symlink_to(good_file)
+    (folder / "short.binary").write_bytes(good_file.read_bytes()[: FILE_BYTES // 2])
+    (folder / "a b;rm.binary").symlink_to(good_file)
+    (folder / "<script>.binary").symlink_to(good_file)
+    config = read_config({"merl_folder": str(folder)})
+    checks = tmp_path / "checks.json"
+    usable, left_out = find_materials(config, "standins", checks)
+    assert [m.name for m in usable] == ["good"]
+    assert {item.name for item in left_out} == {"short", "a b;rm", "<script>"}
+    assert all(item.path in item.reason for item in left_out)
+
+    monkeypatch.setattr("brdfatlas.pipeline.materials.read_merl", lambda path: pytest.fail("read again"))
+    assert find_materials(config, "standins", checks) == (usable, left_out)
+    with pytest.raises(ConfigError, match="strict"):
+        find_materials(config | {"strict": True}, "standins", checks)
+
+
+def test_a_mended_file_is_checked_again(tmp_path, good_file):
+    folder = tmp_path / "merl"
+    folder.mkdir()
+    (folder / "m.binary").write_bytes(b"")
+    config, checks = read_config({"merl_folder": str(folder)}), tmp_path / "checks.json"
+    with pytest.raises(ConfigError, match="no file there can be used"):
+        find_materials(config, "standins", checks)
+    (folder / "m.binary").write_bytes(good_file.read_bytes())
+    assert [m.name for m in find_materials(config, "standins", checks)[0]] == ["m"]
+
+
+def test_standins_where_there_is_no_file(tmp_path):
+    config = read_config({"merl_folder": str(tmp_path / "none")})
+    usable, left_out = find_materials(config, "standins", tmp_path / "checks.json")
+    assert len(usable) == 4
+    assert all(m.standin for m in usable)
+    assert left_out == []
+    everything = find_materials(config | {"standins": "all"}, "standins", tmp_path / "checks.json")[0]
+    assert len(everything) == 100
+    with pytest.raises(ConfigError, match="unobtainium"):
+        find_materials(config | {"materials": ["unobtainium"]}, "standins", tmp_path / "checks.json")
+
+
+def test_names_that_could_escape_are_refused():
+    for name in ("../x", "a b", "<script>", "a/b", "", ".hidden", "-rf", "a\n"):
+        with pytest.raises(ConfigError):
+            configuration.check_name(name, "f")

@@ -1,0 +1,137 @@
+"""The numbers behind the drawn figures, and that equal data give equal files."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from brdfatlas import microfacet
+from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes, theta_h_centres
+from brdfatlas.figures import style
+from brdfatlas.figures.functions import functions_of, plot_functions
+from brdfatlas.figures.lobes import lobe, outgoing_angles, plot_lobes
+from brdfatlas.figures.summary import mean_psnr, plot_summary
+from brdfatlas.fits import Fit
+
+
+def ggx_table(alpha: float = 0.2) -> np.ndarray:
+    return Fit("ggx", "made", {"alpha": np.array([alpha]), "fresnel": np.full((90, 3), 0.5)}).table()
+
+
+def dupuy_fit(model: str, alpha: float = 0.3) -> Fit:
+    fresnel = np.linspace(0.1, 1, 90)[:, None] * [1.0, 0.9, 0.8]
+    if model == "tabulated":
+        return Fit(model, "made", {"ndf": microfacet.ggx_ndf(np.cos(theta_h_centres()), alpha), "fresnel": fresnel})
+    return Fit(model, "made", {"alpha": np.array([alpha]), "fresnel": fresnel})
+
+
+def test_the_lobe_of_a_white_surface_is_a_half_circle():
+    table = np.full((*GRID_SHAPE, 3), 1 / np.pi)
+    theta_o = outgoing_angles(np.deg2rad(40))
+    np.testing.assert_allclose(lobe(table, np.deg2rad(40), theta_o), np.cbrt(1 / np.pi), rtol=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [15, 40, 65])
+def test_a_highlight_points_in_the_mirror_direction_and_has_its_value(degrees):
+    theta_i = np.deg2rad(degrees)
+    table = np.nan_to_num(ggx_table(0.05))
+    theta_o = outgoing_angles(theta_i)
+    found = lobe(table, theta_i, theta_o)
+    # a sharp lobe peaks at the mirror direction, up to the cell of theta_h = 0 and the slope of 1 / cos
+    assert np.rad2deg(theta_o[np.argmax(found)]) == pytest.approx(degrees, abs=0.6)
+    # at the peak: F D / (4 cos^2) G
+    g1 = microfacet.ggx_g1(np.cos(theta_i), 0.05)
+    expected = 0.5 / (np.pi * 0.05**2) * g1 / (2 - g1) / (4 * np.cos(theta_i) ** 2)
+    assert found.max() ** 3 == pytest.approx(expected, rel=0.05)
+
+
+def test_the_outgoing_angles_see_the_peak():
+    theta_o = np.rad2deg(outgoing_angles(np.deg2rad(65.0)))
+    assert np.all(np.diff(theta_o) > 0)
+    assert np.abs(theta_o - 65).min() < 1e-6
+    assert np.diff(theta_o)[np.abs(theta_o[:-1] - 65) < 3].max() < 0.11
+
+
+def test_functions_are_those_the_models_evaluate():
+    """F D G / (4 cos cos) put together from the drawn functions equals the model at the grid."""
+    for model in ("tabulated", "gaussian", "ggx"):
+        fit = dupuy_fit(model)
+        own = functions_of(fit)
+        assert own is not None
+        theta_h, theta_d, phi_d = (a.ravel()[n] for a, n in zip(grid_axes(), (20, 30, 60)))
+        wi, wo = directions(theta_h, theta_d, phi_d)
+        g1_i, g1_o = (np.interp(np.arccos(v[2]), own.theta, own.g1) for v in (wi, wo))
+        g = g1_i * g1_o / (g1_i + g1_o - g1_i * g1_o)
+        expected = own.fresnel[30] * own.ndf[20] * g / (4 * wi[2] * wo[2])
+        # G1 is interpolated between the drawn points
+        np.testing.assert_allclose(fit.evaluate(wi, wo), expected, rtol=2e-3)
+
+
+def test_models_without_functions_draw_nothing(tmp_path):
+    fit = Fit("ward", "made", {"kd": np.zeros(3)})
+    assert functions_of(fit) is None
+    assert not plot_functions(fit, tmp_path / "no.svg")
+    assert not (tmp_path / "no.svg").exists()
+
+
+def errors_frame() -> pd.DataFrame:
+    rows = [
+        {"material": material, "model": model, "scene": scene, "status": "ok", "psnr_db": base + bonus + step}
+        for material, base in (("b", 30), ("a", 40), ("c", 20))
+        for model, bonus in (("ggx", 0), ("naive", 5), ("reference_again", 50))
+        for scene, step in (("x", -1), ("y", 1))
+    ]
+    rows.append({"material": "a", "model": "broken", "scene": "x", "status": "failed", "psnr_db": np.nan})
+    return pd.DataFrame(rows)
+
+
+def test_psnr_is_averaged_over_scenes_and_the_noise_floor_is_no_model():
+    table = mean_psnr(errors_frame())
+    assert set(table.columns) == {"ggx", "naive", "broken"}
+    assert table.loc["a", "naive"] == 45
+    assert np.isnan(table.loc["a", "broken"])
+    infinite = errors_frame().assign(psnr_db=np.inf)
+    assert mean_psnr(infinite).loc["b", "ggx"] == 100
+    with pytest.raises(ValueError, match="no column 'scene'"):
+        mean_psnr(errors_frame().drop(columns="scene"))
+
+
+def test_curves_are_sorted_by_diffuseness_and_by_error(tmp_path, monkeypatch):
+    path = tmp_path / "summary.svg"
+    # text as text, so that it can be read back
+    monkeypatch.setitem(style.RC, "svg.fonttype", "none")
+    plot_summary(errors_frame(), {"a": 0.3, "b": 0.1, "c": 0.2}, path, titles={"naive": "Naive"})
+    texts = ["".join(node.itertext()).strip() for node in ElementTree.parse(path).iter() if node.tag.endswith("text")]
+    names = [text for text in texts if text in "abc" and text]
+    # above: by diffuseness; below: by the PSNR of naive, which is the best on average and stands in for independent_g
+    assert names == ["b", "c", "a", "c", "b", "a"]
+    assert "Naive" in texts
+    assert "broken" not in texts
+
+
+def test_equal_data_give_equal_files_and_formats_follow_the_ending(tmp_path):
+    table = ggx_table()
+    reference = ggx_table(0.25)
+    valid = above_horizon()
+    for name in ("1.svg", "2.svg", "1.png"):
+        plot_lobes(reference, valid, {"GGX": table}, tmp_path / f"lobes{name}")
+        assert plot_functions(dupuy_fit("ggx"), tmp_path / f"functions{name}", others={"other": dupuy_fit("gaussian")})
+        plot_summary(errors_frame(), {}, tmp_path / f"summary{name}")
+    for kind in ("lobes", "functions", "summary"):
+        first = (tmp_path / f"{kind}1.svg").read_bytes()
+        assert first == (tmp_path / f"{kind}2.svg").read_bytes()
+        assert b"<dc:date>" not in first
+        ElementTree.fromstring(first)
+        assert (tmp_path / f"{kind}1.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_figure_without_content_says_so(tmp_path):
+    with pytest.raises(ValueError, match=r"lobes\.svg: no fit"):
+        plot_lobes(ggx_table(), above_horizon(), {}, tmp_path / "lobes.svg")
+    with pytest.raises(ValueError, match=r"s\.svg: no PSNR"):
+        plot_summary(errors_frame().iloc[:0], {}, tmp_path / "s.svg")
+
+
+def test_thirty_lines_differ():
+    assert len({tuple(style.line_of(n).items()) for n in range(32)}) == 32

@@ -1,0 +1,170 @@
+"""Reading and writing MERL files, every kind of damage, and looking up between cells."""
+
+import os
+
+import numpy as np
+import pytest
+
+from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes, half_difference
+from brdfatlas.measured import (
+    FILE_BYTES,
+    HEADER_BYTES,
+    N_CELLS,
+    SCALE,
+    MeasuredError,
+    extend,
+    extension_index,
+    look_up,
+    read_merl,
+    write_merl,
+)
+
+
+@pytest.fixture(scope="module")
+def table():
+    """Smooth, coloured, positive, NaN below the horizon."""
+    theta_h, theta_d, phi_d = grid_axes()
+    base = 0.2 + np.exp(-((theta_h / 0.3) ** 2)) + 0.1 * theta_d**2 + 0.05 * np.sin(2 * phi_d) ** 2
+    values = (base[..., None] * [1.0, 0.5, 0.25]).astype(np.float32)
+    values[~above_horizon()] = np.nan
+    return values
+
+
+@pytest.fixture
+def path(tmp_path, table):
+    write_merl(tmp_path / "smooth.binary", table)
+    return tmp_path / "smooth.binary"
+
+
+def damage(path, offset, value):
+    with open(path, "r+b") as handle:
+        handle.seek(offset)
+        handle.write(value)
+
+
+def test_round_trip(path, table):
+    measured = read_merl(path)
+    assert measured.name == "smooth"
+    assert not measured.standin
+    assert path.stat().st_size == FILE_BYTES
+    np.testing.assert_allclose(measured.table, table, rtol=1e-6)
+    np.testing.assert_array_equal(measured.valid, above_horizon())
+
+
+def test_layout_is_planar_with_phi_fastest(path, table):
+    stored = np.fromfile(path, "<f8", offset=HEADER_BYTES)
+    index = 7 + 180 * (5 + 90 * 3)
+    for channel in range(3):
+        assert stored[channel * N_CELLS + index] * SCALE[channel] == pytest.approx(table[3, 5, 7, channel], rel=1e-6)
+
+
+def test_a_cell_is_invalid_if_any_channel_is_negative(path):
+    damage(path, HEADER_BYTES + 8 * (2 * N_CELLS + 90), np.array([-0.001], "<f8").tobytes())
+    measured = read_merl(path)
+    assert np.isnan(measured.table[0, 0, 90]).all()
+    assert measured.valid.sum() == above_horizon().sum() - 1
+
+
+@pytest.mark.parametrize(
+    ("offset", "value", "fault"),
+    [
+        (0, np.array([90, 90, 360], "<i4").tobytes(), "wrong dimensions"),
+        (HEADER_BYTES + 800, np.array([np.nan], "<f8").tobytes(), "NaN or Inf"),
+        (HEADER_BYTES + 800, np.array([np.inf], "<f8").tobytes(), "NaN or Inf"),
+        (FILE_BYTES, b"\0" * 5, "over-long"),
+        (HEADER_BYTES, np.full(3 * N_CELLS, -1.0).tobytes(), "no valid cell"),
+    ],
+)
+def test_damage_is_named(path, offset, value, fault):
+    damage(path, offset, value)
+    with pytest.raises(MeasuredError, match=fault) as caught:
+        read_merl(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("size", [0, 11, 12, FILE_BYTES - 1])
+def test_truncation_is_named(path, size):
+    os.truncate(path, size)
+    with pytest.raises(MeasuredError, match="truncated"):
+        read_merl(path)
+
+
+def test_not_a_file(tmp_path):
+    (tmp_path / "folder.binary").mkdir()
+    os.mkfifo(tmp_path / "pipe.binary")
+    for name in ("folder", "pipe"):
+        with pytest.raises(MeasuredError, match="not a regular file"):
+            read_merl(tmp_path / f"{name}.binary")
+    with pytest.raises(MeasuredError, match="no such file"):
+        read_merl(tmp_path / "absent.binary")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_unreadable(path):
+    path.chmod(0)
+    with pytest.raises(MeasuredError, match="cannot be read"):
+        read_merl(path)
+
+
+def test_write_leaves_no_half_file(tmp_path, monkeypatch, table):
+    monkeypatch.setattr(np, "moveaxis", lambda *a: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_merl(tmp_path / "x.binary", table)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_extension_is_the_nearest_valid_cell_in_phi(table):
+    rng = np.random.default_rng(4)
+    valid = above_horizon() & (rng.random(GRID_SHAPE) < 0.3)
+    index = extension_index(valid)
+    flat = valid.ravel()
+    assert flat[index].all()
+    for h, d, p in rng.integers(0, [90, 90, 180], (200, 3)):
+        row = np.flatnonzero(valid[h, d])
+        if row.size == 0:
+            continue
+        gap = np.abs(row - p)
+        source = index[h, d, p] - (h * 90 + d) * 180
+        assert min(abs(source - p), 180 - abs(source - p)) == np.minimum(gap, 180 - gap).min()
+
+
+def test_extension_of_an_empty_row_comes_from_a_neighbour_and_of_nothing_fails(table):
+    valid = above_horizon().copy()
+    valid[10, 20] = False
+    assert np.isfinite(extend(table, valid)).all()
+    with pytest.raises(ValueError, match="no valid cell"):
+        extension_index(np.zeros(GRID_SHAPE, bool))
+
+
+def test_look_up_hits_cell_centres_and_is_reciprocal(table):
+    full = extend(table, above_horizon())
+    rng = np.random.default_rng(5)
+    h, d, p = rng.integers(0, [60, 60, 180], (500, 3)).T
+    theta_h, theta_d, phi_d = (axis.ravel() for axis in grid_axes())
+    wi, wo = directions(theta_h[h], theta_d[d], phi_d[p])
+    inside = (wi[:, 2] > 0) & (wo[:, 2] > 0)
+    np.testing.assert_allclose(look_up(full, wi, wo)[inside], full[h, d, p][inside], rtol=1e-5)
+    np.testing.assert_allclose(look_up(full, wi, wo), look_up(full, wo, wi), rtol=1e-5)
+
+
+def test_look_up_equals_an_independent_interpolator(table):
+    """scipy's regular-grid interpolator on the same cell coordinates, phi_d padded periodically."""
+    from scipy.interpolate import RegularGridInterpolator
+
+    full = extend(table, above_horizon()).astype(float)
+    padded = np.concatenate([full[:, :, -1:], full, full[:, :, :1]], 2)
+    slow = RegularGridInterpolator((np.arange(90), np.arange(90), np.arange(-1, 181)), padded)
+    rng = np.random.default_rng(6)
+    wi, wo = rng.normal(size=(2, 400, 3))
+    wi[:, 2], wo[:, 2] = np.abs(wi[:, 2]), np.abs(wo[:, 2])
+    wi, wo = (w / np.linalg.norm(w, axis=1, keepdims=True) for w in (wi, wo))
+    theta_h, theta_d, phi_d = half_difference(wi, wo)
+    at = np.stack([np.sqrt(theta_h / (np.pi / 2)) * 90, theta_d / (np.pi / 2) * 90, phi_d / np.pi * 180], -1) - 0.5
+    at[:, :2] = np.clip(at[:, :2], 0, 89)
+    np.testing.assert_allclose(look_up(full, wi, wo), slow(at), rtol=1e-9)
+
+
+def test_nothing_below_the_surface(table):
+    up, down = np.array([0, 0, 1.0]), np.array([0.6, 0, -0.8])
+    assert (look_up(extend(table, above_horizon()), up, down) == 0).all()

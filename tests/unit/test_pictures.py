@@ -1,0 +1,129 @@
+"""Pictures of the report: the HDR encoding, maps with fixed ranges, colour bars, what is left of failed models."""
+
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from brdfatlas import pictures
+from brdfatlas.errors import Tone
+from brdfatlas.images import Render, save_render
+
+TONE = Tone(1.0, 2.2)
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def flat(value, size=16, **meta):
+    """A render of one colour with a mask that leaves out a border."""
+    mean = np.full((size, size, 3), value, np.float32)
+    mask = np.zeros((size, size), bool)
+    mask[3:-3, 3:-3] = True
+    return Render(mean, np.stack([mean] * 3), mask, {"status": "ok"} | meta)
+
+
+@pytest.fixture
+def renders(tmp_path):
+    for model, image in {
+        "reference": flat(0.4),
+        "reference_again": flat(0.4001),
+        "bright": flat(0.6),
+        "dark": flat(0.2),
+        "failing": flat(0.0, status="failed"),
+    }.items():
+        save_render(tmp_path / "renders" / model / "room.exr", image)
+    return tmp_path / "renders"
+
+
+def test_hdr_survives_its_encoding_over_the_whole_range(tmp_path):
+    rng = np.random.default_rng(0)
+    radiance = (10.0 ** rng.uniform(-6, 6, (40, 30, 1)) * rng.random((40, 30, 3))).astype(np.float32)
+    radiance[0, 0] = 0
+    radiance[0, 1] = [255.9, 1, 0]  # rounds up to the next power of two
+    pictures.write_webp(tmp_path / "x.webp", pictures.encode_hdr(radiance), lossless=True)
+    stored = np.array(Image.open(tmp_path / "x.webp"))
+    assert stored.shape == (80, 30, 3)
+    back = pictures.decode_hdr(stored)
+    largest = radiance.max(-1, keepdims=True)
+    assert np.all(np.abs(back - radiance) <= largest / 255)
+    assert (back[0, 0] == 0).all()
+
+
+def test_hdr_takes_what_no_radiance_should_be():
+    spoilt = np.array([[[np.nan, 1, 2], [-1, 3, 0], [np.inf, 1, 1], [1e-40, 0, 0]]])
+    back = pictures.decode_hdr(pictures.encode_hdr(spoilt))
+    np.testing.assert_array_equal(back[0], [[0, 1, 2], [0, 3, 0], [0, 1, 1], [0, 0, 0]])
+
+
+def test_every_picture_of_every_model_and_nothing_of_a_failed_one(renders, tmp_path):
+    stale = tmp_path / "out" / "room-failing-de00.webp"
+    stale.parent.mkdir()
+    stale.write_bytes(b"left by an earlier run")
+    bystander = tmp_path / "out" / "lobes.svg"
+    bystander.write_text("another rule's")
+    names = pictures.material_pictures(["bright", "failing", "dark"], {"room": TONE}, renders, tmp_path / "out")
+    expected = {f"room-{model}{suffix}.webp" for model in ("bright", "dark") for suffix in pictures.SUFFIXES}
+    expected |= {"room-reference.webp", "room-reference-hdr.webp"}
+    expected |= {f"room-reference_again{suffix}.webp" for suffix in ("-de00", "-flip", "-diff")}
+    assert set(names) == expected
+    assert {path.name for path in (tmp_path / "out").iterdir()} == expected | {bystander.name}
+
+
+def test_the_tone_mapped_picture_shows_the_tone_map(renders, tmp_path):
+    pictures.material_pictures(["bright"], {"room": TONE}, renders, tmp_path)
+    shown = np.array(Image.open(tmp_path / "room-bright.webp").convert("RGB")).astype(float)
+    assert np.abs(shown - 255 * (1 - 2**-0.6) ** (1 / 2.2)).max() <= 3  # lossy WebP
+
+
+def test_the_sign_of_a_difference_is_its_colour_and_the_background_is_transparent():
+    bright, dark, same = (pictures.scene_pictures(flat(0.4), flat(v), TONE)["-diff"] for v in (0.6, 0.2, 0.4))
+    centre = (8, 8)
+    assert bright[centre][0] > bright[centre][2] + 20  # red: too bright
+    assert dark[centre][2] > dark[centre][0] + 20  # blue: too dark
+    assert np.ptp(same[centre][:3].astype(int)) <= 3  # neutral
+    for picture in (bright, dark, same):
+        assert picture[0, 0, 3] == 0
+        assert picture[centre][3] == 255
+
+
+def test_maps_of_different_models_share_one_scale():
+    near, far = (pictures.scene_pictures(flat(0.4), flat(v), TONE)["-de00"] for v in (0.41, 0.45))
+    table = pictures.colour_table("cividis").astype(int)
+
+    def place(picture):
+        return int(np.argmin(np.abs(table - picture[8, 8, :3].astype(int)).sum(1)))
+
+    from brdfatlas.errors import delta_e_map
+
+    for picture, value in ((near, 0.41), (far, 0.45)):
+        delta = float(delta_e_map(np.full((1, 3), 0.4), np.full((1, 3), value), 1.0)[0])
+        assert place(picture) == pytest.approx(255 * delta / pictures.DE00_RANGE, abs=1.5)
+
+
+def test_a_hundredth_of_white_is_visible_and_the_scale_is_odd():
+    d = np.array([-2.0, -1.0, -0.01, 0.0, 0.01, 1.0, 2.0])
+    place = pictures.signed_root(d)
+    np.testing.assert_allclose(place + place[::-1], 1)
+    assert place[0] == place[1] == 0
+    assert place[4] - place[3] == pytest.approx(0.05)
+
+
+def test_bars_are_svg_whose_labels_sit_where_the_map_puts_their_values(tmp_path):
+    pictures.write_bars(tmp_path)
+    for name, table, place in (
+        ("bar-de00", "cividis", lambda v: v / pictures.DE00_RANGE),
+        ("bar-flip", "magma", lambda v: v),
+        ("bar-diff", "RdBu_r", lambda v: float(pictures.signed_root(np.array(v)))),
+    ):
+        root = ElementTree.parse(tmp_path / f"{name}.svg").getroot()
+        bar = root.find(f".//{SVG}rect")
+        left, width = float(bar.get("x")), float(bar.get("width"))
+        labels = [text for text in root.iter(f"{SVG}text") if text.get("text-anchor") == "middle"]
+        assert len(labels) >= 5
+        for text in labels:
+            value = float(text.text.replace("≥", "").replace("−", "-"))
+            assert float(text.get("x")) == pytest.approx(left + width * place(value), abs=0.06)
+        colours = pictures.colour_table(table)
+        for stop in root.iter(f"{SVG}stop"):
+            r, g, b = colours[round(float(stop.get("offset")) * 255)]
+            assert stop.get("stop-color") == f"#{r:02x}{g:02x}{b:02x}"

@@ -1,0 +1,204 @@
+"""The plugin: the values of the table, a density that is what is sampled, in every variant."""
+
+import numpy as np
+import pytest
+from rendering_materials import material, variant
+
+from brdfatlas.fits import fit
+from brdfatlas.measured import MeasuredError, extend, look_up, write_merl
+from brdfatlas.rendering.density import LIST_LENGTH, sampling_density
+
+
+def pairs(count, seed=0):
+    """Directions above the surface, half of them near the mirror direction; float32 as the renderer sees them."""
+    rng = np.random.default_rng(seed)
+    wi = rng.normal(size=(count, 3))
+    wo = rng.normal(size=(count, 3))
+    wo[::2] = wi[::2] * [-1, -1, 1] + 0.03 * rng.normal(size=(len(wo[::2]), 3))
+    for d in (wi, wo):
+        d[:, 2] = np.abs(d[:, 2]) + 1e-3
+        d /= np.linalg.norm(d, axis=1, keepdims=True)
+    return wi.astype(np.float32), wo.astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def binary(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plugin") / "shiny.binary"
+    write_merl(path, material(0.1).table)
+    return path
+
+
+def test_values_are_those_of_look_up(binary):
+    """The plugin times nothing but the cosine equals the library's look-up. float32 angles are good to a few 1e-7, a
+    theta_h cell near the normal is 1e-4 wide: 1e-3 of the local contrast."""
+    mi = variant()
+    import drjit as dr
+
+    bsdf = mi.load_dict({"type": "brdfatlas", "filename": str(binary)})
+    wi, wo = pairs(40_000)
+    si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
+    si.wi = mi.Vector3f(wi.T)
+    got = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(wo.T))).T
+    m = material(0.1)
+    expected = look_up(extend(m.table, m.valid), wi.astype(float), wo.astype(float)) * wo[:, 2:]
+    np.testing.assert_allclose(got, expected, rtol=1e-3, atol=1e-6)
+    both, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, mi.Vector3f(wo.T))
+    np.testing.assert_allclose(np.array(both).T, got, rtol=1e-6)
+    np.testing.assert_allclose(np.array(pdf), np.array(bsdf.pdf(mi.BSDFContext(), si, mi.Vector3f(wo.T))), rtol=1e-5)
+
+
+def test_scalar_and_llvm_agree(binary):
+    wi, wo = pairs(40, seed=3)
+    rng = np.random.default_rng(5)
+    numbers = rng.random((40, 3)).astype(np.float32)
+    mi = variant("scalar_rgb")
+    bsdf = mi.load_dict({"type": "brdfatlas", "filename": str(binary)})
+    scalar = []
+    for a, b, n in zip(wi.tolist(), wo.tolist(), numbers.tolist()):
+        si = mi.SurfaceInteraction3f()
+        si.wi = mi.Vector3f(*a)
+        value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, mi.Vector3f(*b))
+        sample, weight = bsdf.sample(mi.BSDFContext(), si, n[0], mi.Point2f(n[1], n[2]))
+        scalar.append([*value, pdf, *sample.wo, sample.pdf, *weight])
+    mi = variant()
+    import drjit as dr
+
+    bsdf = mi.load_dict({"type": "brdfatlas", "filename": str(binary)})
+    si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
+    si.wi = mi.Vector3f(wi.T)
+    value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, mi.Vector3f(wo.T))
+    sample, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(numbers[:, 0]), mi.Point2f(numbers[:, 1:].T))
+    jit = [*np.array(value), np.array(pdf), *np.array(sample.wo), np.array(sample.pdf), *np.array(weight)]
+    # Same formulas, other rounding: near a cell's edge one of the two may choose the neighbour.
+    close = np.isclose(np.array(scalar), np.array(jit).T, rtol=2e-3, atol=1e-5).all(1)
+    assert close.mean() >= 0.95
+
+
+@pytest.mark.parametrize(
+    ("alpha", "degrees"), [(0.05, 35), (0.05, 70), (0.2, 5), (0.2, 60), (0.5, 0), (0.5, 45), (0.5, 82)]
+)
+def test_chi_square(alpha, degrees):
+    """Mitsuba's own test: samples are distributed as the density says. The horizon lies on a cell's edge (even
+    resolution); the density has bends at every theta_h cell, so it is integrated on 32 x 32 points a cell."""
+    mi = variant()
+    import drjit as dr
+    from mitsuba.chi2 import ChiSquareTest, SphericalDomain
+
+    from brdfatlas.rendering.bsdf import bsdf_of, reflectance_of
+
+    bsdf, context = bsdf_of(reflectance_of(material(alpha))), mi.BSDFContext()
+    wi = mi.Vector3f(float(np.sin(np.radians(degrees))), 0, float(np.cos(np.radians(degrees))))
+
+    def interaction(count):
+        si = dr.zeros(mi.SurfaceInteraction3f, count)
+        si.wi = wi
+        return si
+
+    def sample(numbers):
+        drawn, _ = bsdf.sample(context, interaction(dr.width(numbers)), numbers[0], mi.Point2f(numbers[1], numbers[2]))
+        return drawn.wo, dr.select(drawn.pdf > 0, 1.0, 0.0)
+
+    test = ChiSquareTest(
+        domain=SphericalDomain(),
+        sample_func=sample,
+        pdf_func=lambda wo: bsdf.pdf(context, interaction(dr.width(wo)), wo),
+        sample_dim=3,
+        sample_count=400_000,
+        res=120,
+        ires=32,
+    )
+    assert test.run(significance_level=0.01, test_count=7, quiet=True), f"p = {test.p_value}"
+
+
+def test_sampling_weight_is_value_over_density(binary):
+    mi = variant()
+    import drjit as dr
+
+    bsdf, context = mi.load_dict({"type": "brdfatlas", "filename": str(binary)}), mi.BSDFContext()
+    wi, _ = pairs(20_000)
+    numbers = np.random.default_rng(2).random((3, len(wi))).astype(np.float32)
+    si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
+    si.wi = mi.Vector3f(wi.T)
+    sample, weight = bsdf.sample(context, si, mi.Float(numbers[0]), mi.Point2f(numbers[1:]))
+    value, pdf = bsdf.eval_pdf(context, si, sample.wo)
+    good = np.array(sample.pdf) > 0
+    ratio = np.array(value)[:, good] / np.array(pdf)[good]
+    np.testing.assert_allclose(np.array(weight)[:, good], ratio, rtol=1e-4, atol=1e-6)
+    assert np.array(sample.wo)[2, good].min() > 0
+    assert not np.array(weight)[:, ~good].any()
+
+
+def test_white_furnace():
+    """A Lambertian table reflects exactly its albedo: the mean sampling weight."""
+    from brdfatlas.angles import GRID_SHAPE, above_horizon
+    from brdfatlas.measured import Measured
+
+    mi = variant()
+    import drjit as dr
+
+    from brdfatlas.rendering.bsdf import bsdf_of, reflectance_of
+
+    table = np.full((*GRID_SHAPE, 3), 0.8 / np.pi, np.float32)
+    table[~above_horizon()] = np.nan
+    bsdf = bsdf_of(reflectance_of(Measured("white", table)))
+    n = 1 << 18
+    rng = np.random.default_rng(0)
+    si = dr.zeros(mi.SurfaceInteraction3f, n)
+    si.wi = mi.Vector3f(float(np.sin(0.9)), 0, float(np.cos(0.9)))
+    _, weight = bsdf.sample(
+        mi.BSDFContext(), si, mi.Float(rng.random(n, np.float32)), mi.Point2f(rng.random((2, n), np.float32))
+    )
+    weight = np.array(weight)[0]
+    assert weight.mean() == pytest.approx(0.8, abs=5 * weight.std() / np.sqrt(n))
+    assert weight.max() <= 0.8 / 0.1 + 1e-3  # the cosine lobe's weight never falls below 0.1
+
+
+def test_density_tables_are_consistent():
+    m = material(0.05)
+    density = sampling_density(extend(m.table, m.valid))
+    for row in (0, 17, 31):
+        first, index = np.unique(density.entries[row], return_index=True)
+        counts = np.bincount(density.entries[row], minlength=90)[first]
+        low, width, pdf, slope = density.cells[row].astype(float)[first].T
+        np.testing.assert_allclose(pdf * 2 * np.pi * width, counts / LIST_LENGTH, rtol=1e-4)
+        np.testing.assert_allclose(low[1:], (low + width)[:-1], atol=1e-6)
+        assert (low[0], low[-1] + width[-1]) == (0, pytest.approx(1, abs=1e-6))
+        assert (abs(slope) < 1).all()
+        np.testing.assert_allclose(density.runs[row][first] * LIST_LENGTH, np.stack([index, counts], -1), atol=1e-3)
+        # Every cell of the MERL grid holds the numbers of the joined cell that it belongs to.
+        owner = np.searchsorted(first, np.arange(90), side="right") - 1
+        np.testing.assert_array_equal(density.cells[row], density.cells[row][first][owner])
+
+
+def test_a_fit_renders_with_the_mask_and_density_of_its_reference(binary, tmp_path):
+    mi = variant()
+    fitted = fit("ggx", material(0.1))
+    fitted.save(tmp_path / "fit.npz")
+    plain = mi.load_dict({"type": "brdfatlas", "filename": str(tmp_path / "fit.npz")})
+    paired = mi.load_dict({"type": "brdfatlas", "filename": str(tmp_path / "fit.npz"), "reference": str(binary)})
+    reference = mi.load_dict({"type": "brdfatlas", "filename": str(binary)})
+    same = [np.array_equal(b.reflectance.density.cells, reference.reflectance.density.cells) for b in (paired, plain)]
+    assert same == [True, False]
+    expected = extend(fitted.table(), material(0.1).valid)
+    got = np.array(paired.reflectance._table).reshape(-1, 4)[:, :3]
+    np.testing.assert_array_equal(got, expected.reshape(-1, 3))
+
+
+def test_faults_are_one_line_that_names_the_file(tmp_path):
+    mi = variant()
+    (tmp_path / "short.binary").write_bytes(b"abc")
+    for entry, word in (({"filename": str(tmp_path / "short.binary")}, "short.binary"), ({}, "filename")):
+        with pytest.raises(Exception, match=word):
+            mi.load_dict({"type": "brdfatlas"} | entry)
+
+
+def test_a_fit_that_is_not_finite_is_refused():
+    variant()
+    from brdfatlas.rendering.bsdf import reflectance_of
+
+    m = material(0.1)
+    table = m.table.copy()
+    table[3, 4, 100] = np.inf
+    assert m.valid[3, 4, 100]
+    with pytest.raises(MeasuredError, match="NaN or Inf"):
+        reflectance_of(m, table)

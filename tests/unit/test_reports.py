@@ -1,0 +1,315 @@
+"""Pages and PDF from the files of a made-up run: numbers, order, escaping, honesty, weight."""
+
+import base64
+import io
+import json
+import math
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+from pypdf import PdfReader
+
+from brdfatlas.models import MODELS
+from brdfatlas.pictures import decode_hdr
+from brdfatlas.reports import formats
+from brdfatlas.reports.data import (
+    MEASURES,
+    model_facts,
+    pareto_front,
+    published_table,
+    read_tsv,
+    score_models,
+    write_tsv,
+)
+from brdfatlas.reports.index_page import atlas_script, count_wins, findings, run_tables
+from brdfatlas.reports.model_page import strip
+from brdfatlas.reports.pdf import tile_columns, write_material_pdf, write_supplement
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "browser"))
+from synthetic import HOSTILE, make_run, toy_models  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    root = tmp_path_factory.mktemp("run")
+    models = toy_models(root / "toys", 4)
+    made = make_run(root, ["alum-bronze", "pvc", "null"], models, failed=("pvc", "toy_03"), title=HOSTILE, size=24)
+    made.published = ROOT / "config" / "published" / "bilgili2011"
+    made.write_site()
+    return made
+
+
+class Tags(HTMLParser):
+    """Tags and text of a page, as a browser would see them."""
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self.tags: list[tuple[str, dict]] = []
+        self.text = ""
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.text += data
+
+
+# --- numbers --------------------------------------------------------------------------------------------------------
+
+
+def errors_table(rows) -> pd.DataFrame:
+    columns = ["material", "model", "scene", "status", "psnr_db", "psnr_se_db"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def test_scores_are_means_with_the_error_of_the_mean():
+    table = errors_table(
+        [
+            ("a", "x", "s", "ok", 30.0, 0.3),
+            ("a", "x", "t", "ok", 40.0, 0.4),
+            ("a", "y", "s", "failed", math.nan, math.nan),
+            ("a", "z", "s", "ok", 60.0, math.inf),
+        ]
+    )
+    scores = score_models(table)
+    assert scores["x"]["psnr_db"].mean == 35
+    assert scores["x"]["psnr_db"].error == pytest.approx(0.25), "independent errors add in squares"
+    assert "y" not in scores
+    assert math.isinf(scores["z"]["psnr_db"].error), "a lower bound stays one"
+    assert formats.with_error(60.0, math.inf) == "≥ 60.0"
+
+
+def test_wins_count_pictures_and_ties_count_for_all():
+    rows = [("a", m, s, "ok", p, 0.1) for s in "st" for m, p in (("x", 30.0), ("y", 30.0 if s == "s" else 20.0))]
+    assert count_wins(errors_table(rows), ["x", "y"]) == {"x": 2, "y": 1}
+
+
+def test_pareto_front_is_what_brute_force_finds():
+    rng = np.random.default_rng(1)
+    for higher in (True, False):
+        points = {str(i): (float(x), float(y)) for i, (x, y) in enumerate(rng.integers(0, 12, (40, 2)))}
+        sign = 1 if higher else -1
+        front = pareto_front(points | {"no": (math.nan, 1.0)}, higher)
+        kept = {points[name] for name in front}
+        brute = {
+            p
+            for p in points.values()
+            if not any(q != p and q[0] <= p[0] and sign * q[1] >= sign * p[1] for q in points.values())
+        }
+        assert kept == brute
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(None, "–"), (math.nan, "–"), (math.inf, "∞"), (0, "0"), (0.00123456, "0.001235"), (123456.7, "123457")],
+)
+def test_numbers_for_people(value, shown):
+    assert formats.number(value) == shown
+    assert formats.digits(-1.26, 1) == "−1.3"
+    assert formats.storage(3264) == "3.26 kB"
+
+
+def test_formulas_read_like_formulas():
+    assert str(formats.formula("rho_d + cos^4 theta_h; D = a^(-C)")) == (
+        "ρ<sub>d</sub> + cos<sup>4</sup> θ<sub>h</sub>\nD = a<sup>-C</sup>"
+    )
+    assert str(formats.formula(r"\frac{D(\theta_h)}{4}")) == "(D(θ<sub>h</sub>)) / (4)"
+    assert "<script>" not in str(formats.formula("a < b; <script>"))
+
+
+def test_tables_survive_writing_and_reading(tmp_path):
+    """Also a material called null and the three kinds of numbers that are none."""
+    table = errors_table([("null", "NA", "1", "ok", math.inf, 0.0), ("nan", "m", "s", "ok", 1 / 3, math.nan)])
+    write_tsv(tmp_path / "t.tsv", table)
+    again = read_tsv(tmp_path / "t.tsv")
+    assert list(again["material"]) == ["null", "nan"]
+    assert list(again["model"]) == ["NA", "m"]
+    assert again["psnr_db"][0] == math.inf
+    assert again["psnr_db"][1] == pytest.approx(1 / 3, rel=1e-8)
+    assert math.isnan(again["psnr_se_db"][1])
+
+
+def test_published_figures_are_found():
+    folder = ROOT / "config" / "published" / "bilgili2011"
+    row = published_table(folder, "ward", "alum-bronze")
+    assert row["alpha_3"] == 0.017165
+    assert row["psnr_db"] == 25.47534
+    assert published_table(folder, "tucker", "alum-bronze") == {"psnr_db": 37.8664}
+    assert published_table(folder, "ward", "no such") == {}
+
+
+def test_strips_keep_order_and_extremes():
+    made = strip("n", [1.0, 10.0, 100.0, 1000.0])
+    assert made["log"]
+    xs = [x for x, _ in made["dots"]]
+    assert (xs[0], xs[-1]) == (6.0, 294.0)
+    assert np.allclose(np.diff(xs), 96)
+
+
+# --- pages ----------------------------------------------------------------------------------------------------------
+
+
+def test_names_are_text_everywhere(run):
+    for path in run.reports.rglob("*.html"):
+        page = Tags(path)
+        scripts = [a for tag, a in page.tags if tag == "script"]
+        assert all("src" in a or a.get("type") == "application/json" for a in scripts), path.name
+        assert not any(tag == "b" and "class" not in a for tag, a in page.tags if "models" in path.parts), path.name
+    assert HOSTILE in Tags(run.reports / "materials/alum-bronze.html").text
+
+
+def test_standins_carry_their_mark(run):
+    """Every row and every title of a stand-in; never a measured material."""
+    standin, measured = (Tags(run.reports / f"materials/{name}.html") for name in ("alum-bronze", "null"))
+    assert "not a measurement" in standin.text
+    assert "stand-in" not in measured.text.lower()
+    index = Tags(run.reports / "index.html")
+    assert "2 of 3 materials are stand-ins" in index.text
+    marks = [a for tag, a in index.tags if tag == "span" and "standin" in a.get("class", "")]
+    assert len(marks) >= 3
+    table = pd.read_csv(run.reports / "data/materials.tsv", sep="\t", keep_default_na=False)
+    table = table.set_index("material")["standin"]
+    assert dict(table) == {"alum-bronze": 1, "pvc": 1, "null": 0}
+
+
+def test_failures_quirks_and_left_out_files_show(run):
+    page = Tags(run.reports / "materials/pvc.html").text
+    assert "no finite fit for" in page
+    assert "did not converge (cap reached)" in page
+    assert "option quirk = yes: reproduces a misprint" in page
+    index = Tags(run.reports / "index.html").text
+    assert "12 bytes" in index
+    assert "ours" in index
+    assert "not reciprocal" in index
+    assert "noise floor" in index
+
+
+def test_pages_show_the_numbers_of_their_tables(run):
+    """Whatever number stands in a material's table of errors is the one in the TSV that the page links."""
+    page = run.reports / "materials/null.html"
+    table = read_tsv(run.reports / "data/null.errors.tsv")
+    source = read_tsv(run.root / "results/errors/null.tsv")
+    pd.testing.assert_frame_equal(table, source, rtol=1e-8)
+    links = [a["href"] for tag, a in Tags(page).tags if tag == "a" and "href" in a]
+    assert "../data/null.errors.tsv" in links
+    values = [float(a["data-value"]) for tag, a in Tags(page).tags if tag == "td" and a.get("data-value")]
+    for measure in MEASURES:
+        for value in table[measure.key]:
+            assert any(math.isclose(value, shown, rel_tol=1e-8) for shown in values), measure.key
+
+
+def test_published_stand_beside_ours(tmp_path):
+    models = ["ward", "cook_torrance"]
+    made = make_run(tmp_path, ["chrome"], models, ("studio",), size=16)
+    path = tmp_path / "results/fits/chrome/ward.json"
+    ours = {"kd": [0.1, 0.2, 0.3], "ks": [0.4, 0.5, 0.6], "alpha": [0.7, 0.8, 0.9]}
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"parameters": ours}))
+    made.published = ROOT / "config" / "published" / "bilgili2011"
+    text = Tags(made.write_material("chrome")).text
+    assert "Published against ours" in text
+    table = pd.read_csv(made.reports / "data/chrome.published.tsv", sep="\t")
+    ward = table[table["model"] == "ward"].set_index("parameter")
+    assert ward.loc["alpha_2", "ours"] == 0.8
+    published = pd.read_csv(made.published / "ward.csv").set_index("material").loc["chrome"]
+    assert ward.loc["kd_g", "published"] == published["kd_g"]
+    assert ward.loc["psnr_db", "published"] == published["psnr_db"]
+
+
+def test_a_page_needs_its_own_material_only(tmp_path):
+    """The first page is out before another material has any file."""
+    models = toy_models(tmp_path / "toys", 2)
+    made = make_run(tmp_path, ["first"], models, ("studio",), size=16)
+    made.materials = ["first", "second"]
+    assert "second" in Tags(made.write_material("first")).text
+
+
+def test_findings_name_the_best_model(run):
+    materials = run.read()
+    rows, tables = run_tables({}, materials, [model_facts(name) for name in run.models])
+    means = tables["errors"].query("status == 'ok' and model != 'reference_again'").groupby("model")["psnr_db"].mean()
+    text = findings(materials, rows)
+    assert text.startswith(f"{MODELS[means.idxmax()].title} comes closest")
+    assert f"{means.max():.1f} dB" in text
+    best = [row["name"] for row in rows if row["best"].get("psnr_db")]
+    assert best == [means.idxmax()]
+
+
+def test_script_of_the_index_holds_every_number(run):
+    materials = run.read()
+    script = atlas_script(materials, [model_facts(name) for name in run.models], run.scenes)
+    atlas = json.loads(script.removeprefix("window.ATLAS=").rstrip(";\n"))
+    count = len(run.models) + 1
+    for s, scene in enumerate(run.scenes):
+        for j, material in enumerate(materials):
+            rows = material.errors.set_index(["scene", "model"])
+            for k, model in enumerate([*run.models, "reference_again"]):
+                for measure in MEASURES:
+                    value = atlas["values"][measure.key][(s * len(materials) + j) * count + k]
+                    expected = rows.loc[(scene.name, model), measure.key]
+                    assert value == pytest.approx(expected, rel=1e-3) if value is not None else math.isnan(expected)
+    assert "<" not in script
+
+
+def test_linear_light_travels_as_a_script(run):
+    folder = run.reports / "materials/pvc"
+    match = re.fullmatch(r'window\.ATLAS_HDR\("(.+?)","(.+)"\);\n', (folder / "grove-toy_01-hdr.js").read_text())
+    assert match[1] == "pvc/grove/toy_01"
+    with Image.open(io.BytesIO(base64.b64decode(match[2]))) as image:
+        radiance = decode_hdr(np.asarray(image))
+    assert radiance.shape == (24, 24, 3)
+    assert radiance.max() > 1
+    assert not (folder / "grove-toy_03-hdr.js").exists(), "a failed fit has no picture"
+
+
+# --- PDF --------------------------------------------------------------------------------------------------------------
+
+
+def test_pdf_has_two_pages_a_material_and_is_reproducible(run):
+    def build(folder: Path) -> Path:
+        parts = []
+        for material in run.materials:
+            part = folder / f"{material}.pdf"
+            write_material_pdf(
+                part, **run.of(material), assets=run.reports / "assets", models=run.models, scenes=run.scenes
+            )
+            parts.append(part)
+        write_supplement(
+            folder / "all.pdf",
+            run_file=run.root / "results/run.json",
+            materials=run.read(),
+            parts=parts,
+            models=run.models,
+            scenes=run.scenes,
+        )
+        return folder / "all.pdf"
+
+    first = build(run.root / "pdf1")
+    assert first.read_bytes() == build(run.root / "pdf2").read_bytes(), "no clock, no chance"
+    reader = PdfReader(first)
+    assert len(reader.pages) == 2 + 2 * len(run.materials)
+    texts = [page.extract_text() for page in reader.pages]
+    assert "Contents" in texts[1]
+    assert HOSTILE.split("&")[0].strip() in texts[2]
+    assert "stand-in, not a measurement" in texts[2]
+    assert "stand-in, not a measurement" not in texts[6]
+    assert "no finite fit" in " ".join(texts[4].split())
+    assert texts[3].rstrip().endswith("4"), "pages are numbered"
+    links = [a.get_object() for a in reader.pages[1].get("/Annots", [])]
+    assert len(links) == len(run.materials)
+    titles = [item.title for item in reader.outline]
+    assert len(titles) == 1 + len(run.materials)
+
+
+@pytest.mark.parametrize("models", [1, 4, 12, 22, 40])
+def test_all_tiles_fit_one_page(models):
+    columns = tile_columns(models + 1, models)
+    rows = math.ceil((models + 1) / columns) + math.ceil(models / columns)
+    assert rows * (182 / columns + 3.2) <= 225, "A4 less margins, title and headings"

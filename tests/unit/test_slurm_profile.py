@@ -1,0 +1,21 @@
+"""The cluster profile asks for memory for every rule that runs on a node."""
+
+import re
+from pathlib import Path
+
+import yaml
+
+WORKFLOW = Path(__file__).resolve().parents[2] / "workflow"
+
+
+def test_every_rule_has_its_memory_in_the_slurm_profile():
+    text = "\n".join(path.read_text() for path in sorted((WORKFLOW / "rules").glob("*.smk")))
+    rules = set(re.findall(r"^rule (\w+):", text, re.MULTILINE))
+    local = set(re.findall(r"^    (\w+),$", text.partition("localrules:")[2].partition("\n\n")[0], re.MULTILINE))
+    assert local == {"merl", "assets", "download_merl", "fetch_asset"}
+    profile = yaml.safe_load((WORKFLOW / "profiles" / "slurm" / "config.yaml").read_text())
+    assert set(profile["set-resources"]) == rules - local
+    for rule, resources in profile["set-resources"].items():
+        base, _, rest = str(resources["mem_mb"]).partition(" * ")
+        assert int(base) >= 1000, rule
+        assert rest == "attempt", rule

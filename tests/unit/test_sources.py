@@ -1,0 +1,45 @@
+"""What a result depends on: a model's own file, what it imports, and no other model."""
+
+import pytest
+
+from brdfatlas.models import BUILTIN
+from brdfatlas.pipeline.sources import imports_of, module_path, sources_of
+
+#: What a model is made of, as its paper says: a metric changed, or fits that others start from.
+STARTS = {"sgd", "g_from_d"}
+BUILT_ON = {
+    "abc_compressive": {"abc"},
+    "independent_g": STARTS,
+    "bivariate_g": STARTS | {"independent_g"},
+    "low_rank_2": STARTS | {"independent_g", "bivariate_g"},
+    "low_rank_4": STARTS | {"independent_g", "bivariate_g"},
+}
+
+
+def test_a_model_depends_on_itself_and_shared_parts_and_on_no_model_but_those_it_is_built_on():
+    own = {name: str(module_path(module)) for name, module in BUILTIN.items()}
+    for name, module in BUILTIN.items():
+        found = {path for path in sources_of(module)}
+        assert any(own[name].endswith(path) for path in found)
+        strangers = {other for other, path in own.items() if path != own[name] and any(path.endswith(p) for p in found)}
+        assert strangers == BUILT_ON.get(name, set()), f"{name} depends on {strangers}"
+
+
+def test_imports_are_followed_and_inits_are_not(tmp_path):
+    found = sources_of("brdfatlas.fits")
+    assert any(path.endswith("measured.py") for path in found)
+    assert not any(path.endswith("__init__.py") for path in found)
+
+
+def test_a_model_file_of_a_user(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text("from brdfatlas.models.base import Model\nimport numpy\n")
+    found = sources_of(str(path))
+    assert any(name.endswith("mine.py") for name in found)
+    assert any(name.endswith("measured.py") for name in found)
+    assert imports_of(path) == ("brdfatlas.models.base", "brdfatlas.models.base.Model")
+
+
+def test_an_absent_module_is_an_error():
+    with pytest.raises(FileNotFoundError, match=r"brdfatlas\.nothing"):
+        sources_of("brdfatlas.nothing")

@@ -1,0 +1,144 @@
+"""The page of standings and which figures a material gets."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from brdfatlas import tables
+from brdfatlas.angles import GRID_SHAPE, above_horizon, theta_h_centres
+from brdfatlas.errors import BRDF_MEASURES, IMAGE_MEASURES, write_tsv
+from brdfatlas.files import read_json, write_json
+from brdfatlas.fits import Fit, fit
+from brdfatlas.measured import read_merl, write_merl
+from brdfatlas.models import MODELS as REGISTRY
+from brdfatlas.reports.standings_page import class_rows, duel_rows, write_standings
+
+CLASSES = pd.DataFrame(
+    {"material": ["chrome", "nylon"], "class": ["specular", "diffuse"], "standin": [False, False]},
+)
+MODELS = ["tabulated", "ggx", "gaussian"]
+
+
+def made_up(psnr: dict[str, tuple[float, float]]) -> pd.DataFrame:
+    """Errors of one scene: model -> PSNR on chrome and on nylon; NaN is a failure."""
+    rows = []
+    for model, values in psnr.items():
+        for material, value in zip(("chrome", "nylon"), values):
+            row = dict.fromkeys(IMAGE_MEASURES, 30.0 - value / 10 if np.isfinite(value) else value)
+            status = "failed" if np.isnan(value) else "ok"
+            row |= {"psnr_db": value, "psnr_se_db": 0.1, "status": status}
+            rows.append({"material": material, "model": model, "scene": "room"} | row)
+    return pd.DataFrame(rows)
+
+
+@pytest.fixture
+def errors():
+    return made_up(
+        {
+            "tabulated": (40.0, 50.0),
+            "ggx": (45.0, 49.0),
+            "gaussian": (20.0, np.nan),
+            "reference_again": (80.0, 80.0),
+        }
+    )
+
+
+def test_the_best_of_a_column_is_marked_and_never_the_noise_floor(errors):
+    found = class_rows(tables.summarise(errors, CLASSES, MODELS), MODELS)
+    assert [table["class"] for table in found] == ["all", "diffuse", "specular"]
+    for table, winner in zip(found, ("ggx", "tabulated", "ggx")):
+        best = [row["model"] for row in table["rows"] if row["cells"][0]["best"]]
+        assert best == [winner]  # PSNR: the highest
+        best = [row["model"] for row in table["rows"] if row["cells"][2]["best"]]
+        assert best == [winner]  # dE00, made to fall with PSNR: the lowest
+    failed = {row["model"]: row["failed"] for row in found[0]["rows"]}
+    assert failed == {"tabulated": 0, "ggx": 0, "gaussian": 1, "reference_again": 0}
+
+
+def test_duels_are_antisymmetric(errors):
+    duels = duel_rows(tables.count_wins(errors, CLASSES, MODELS), MODELS)
+    cells = dict(duels["rows"])
+    for i, a in enumerate(duels["names"]):
+        assert cells[a][i] is None
+        for j, b in enumerate(duels["names"]):
+            if i != j:
+                assert cells[a][j]["wins"] == cells[b][i]["losses"]
+                assert cells[a][j]["balance"] == -cells[b][i]["balance"]
+    assert cells["ggx"][0] == {"count": 2, "wins": 1, "ties": 1, "losses": 0, "balance": 0.5, "difference": 2.0}
+
+
+def test_the_page_shows_the_tables_and_copies_them(errors, tmp_path):
+    brdf = pd.DataFrame([("chrome", "ggx", 1.0, 2.0, 3.0, 4.0)], columns=["material", "model", *BRDF_MEASURES])
+    write_tsv(tmp_path / "e.tsv", errors)
+    write_tsv(tmp_path / "b.tsv", brdf)
+    files = []
+    for item in CLASSES.to_dict("records"):
+        files.append(tmp_path / f"{item['material']}.json")
+        write_json(files[-1], {"name": item["material"]} | item)
+    tables.write_tables([tmp_path / "e.tsv"], [tmp_path / "b.tsv"], files, MODELS, tmp_path / "tables")
+    page = tmp_path / "site" / "standings.html"
+    data = tmp_path / "site" / "data"
+    write_standings(page, tables=tmp_path / "tables", data=data, figure=tmp_path / "none.svg", models=MODELS)
+    text = page.read_text()
+    assert "1 – 1 – 0" in text
+    assert "No model of this run has a published figure" in text
+    for link in re.findall(r'href="(data/[^"]+)"', text):
+        assert (page.parent / link).is_file()
+    assert "not measurements" not in text
+
+
+@pytest.fixture
+def material(tmp_path):
+    """A rough surface as a MERL file, a good fit of it, a failed one."""
+    lobe = 0.1 + 2 * np.exp(-((theta_h_centres() / 0.3) ** 2))
+    table = np.broadcast_to(lobe[:, None, None, None], (*GRID_SHAPE, 3)).copy()
+    table[~above_horizon()] = np.nan
+    write_merl(tmp_path / "stuff.binary", table)
+    fit("ggx", read_merl(tmp_path / "stuff.binary")).save(tmp_path / "fits" / "ggx.npz")
+    (tmp_path / "fits" / "gaussian.npz").write_bytes(b"")
+    write_json(tmp_path / "fits" / "ggx.json", {"status": "ok"})
+    write_json(tmp_path / "fits" / "gaussian.json", {"status": "failed", "reason": "no"})
+    return tmp_path
+
+
+def test_a_material_gets_lobes_and_the_functions_of_the_fits_that_it_has(material):
+    from brdfatlas.figures.jobs import figures_job
+
+    stale = material / "out" / "functions-gaussian.svg"
+    stale.parent.mkdir()
+    stale.write_text("left by an earlier run")
+    figures_job(
+        material / "stuff.binary", ["ggx", "gaussian"], {}, material / "fits", material / "out", material / "list.json"
+    )
+    assert read_json(material / "list.json") == {"figures": ["functions-ggx.svg", "lobes.svg"]}
+    assert {path.name for path in (material / "out").iterdir()} == {"functions-ggx.svg", "lobes.svg"}
+    assert "GGX" in (material / "out" / "lobes.svg").read_text()
+
+
+def test_a_factor_model_gets_curves_slices_weights_and_its_convergence(material):
+    from brdfatlas.figures.jobs import figures_job
+
+    flat = {item.name: np.full(item.shape, 0.5, item.dtype) for item in REGISTRY["g_from_d"].parameters}
+    Fit("g_from_d", "stuff", flat).save(material / "fits" / "g_from_d.npz")
+    details = {"channels": [{"history": [1.0, 0.5, 0.4]}] * 3}
+    write_json(material / "fits" / "g_from_d.json", {"status": "ok", "details": details})
+    args = (material / "stuff.binary", ["ggx", "g_from_d"], {}, material / "fits", material / "out")
+    figures_job(*args, material / "list.json")
+    expected = {"lobes.svg", "functions-ggx.svg", "factors-g_from_d.svg", "convergence-g_from_d.svg"}
+    expected |= {"slices.webp", "weights.svg"}
+    assert set(read_json(material / "list.json")["figures"]) == expected
+    assert {path.name for path in (material / "out").iterdir()} == expected
+    figures_job(material / "stuff.binary", ["ggx"], *args[2:], material / "list.json")
+    assert {path.name for path in (material / "out").iterdir()} == {"lobes.svg", "functions-ggx.svg"}
+
+
+def test_a_material_without_any_fit_still_shows_its_own_lobes(material):
+    from brdfatlas.figures.jobs import figures_job
+
+    figures_job(
+        material / "stuff.binary", ["gaussian"], {}, material / "fits", material / "out", material / "list.json"
+    )
+    assert read_json(material / "list.json") == {"figures": ["lobes.svg"]}
+    assert (material / "out" / "lobes.svg").stat().st_size > 1000

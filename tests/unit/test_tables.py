@@ -1,0 +1,143 @@
+"""Tables over a run: counted and averaged by hand on small made-up results."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from brdfatlas import tables
+from brdfatlas.errors import BRDF_MEASURES, IMAGE_MEASURES, read_tsv, write_tsv
+from brdfatlas.files import write_json
+
+CLASSES = pd.DataFrame(
+    {
+        "material": ["chrome", "nylon", "my-own"],
+        "class": ["specular", "diffuse", "diffuse"],
+        "standin": [True, True, False],
+    }
+)
+MODELS = ["ward", "tucker", "absent"]
+
+
+def errors_of(psnr: dict[tuple[str, str, str], float]) -> pd.DataFrame:
+    """Tidy errors from (material, model, scene) -> PSNR; None is a failed render."""
+    rows = []
+    for (material, model, scene), value in psnr.items():
+        row = {"material": material, "model": model, "scene": scene, "status": "failed" if value is None else "ok"}
+        row |= dict.fromkeys(IMAGE_MEASURES, np.nan if value is None else 1.0)
+        rows.append(row | {"psnr_db": np.nan if value is None else value})
+    return pd.DataFrame(rows)
+
+
+@pytest.fixture
+def errors():
+    return errors_of(
+        {
+            ("chrome", "ward", "a"): 30.0,
+            ("chrome", "ward", "b"): 40.0,
+            ("nylon", "ward", "a"): 50.0,
+            ("nylon", "ward", "b"): None,
+            ("my-own", "ward", "a"): 20.0,
+            ("my-own", "ward", "b"): 20.0,
+            ("chrome", "tucker", "a"): 32.0,  # exactly 2 dB: a tie
+            ("chrome", "tucker", "b"): 42.1,  # a win
+            ("nylon", "tucker", "a"): 45.0,  # a loss
+            ("nylon", "tucker", "b"): 60.0,  # not comparable, ward failed
+            ("my-own", "tucker", "a"): np.inf,  # a win
+            ("my-own", "tucker", "b"): 19.0,  # a tie
+            ("chrome", "reference_again", "a"): 70.0,
+        }
+    )
+
+
+def test_means_and_medians_over_what_could_be_judged(errors):
+    summary = tables.summarise(errors, CLASSES, MODELS).set_index(["model", "class", "scene"])
+    everything = summary.loc[("ward", "all", "all")]
+    assert everything["count"] == 5
+    assert everything["failed"] == 1
+    assert everything["standins"] == 3
+    assert everything["psnr_db_mean"] == pytest.approx((30 + 40 + 50 + 20 + 20) / 5)
+    assert everything["psnr_db_median"] == 30
+    assert summary.loc[("ward", "specular", "all"), "psnr_db_mean"] == 35
+    assert summary.loc[("ward", "diffuse", "b"), "psnr_db_mean"] == 20
+    assert summary.loc[("tucker", "all", "all"), "psnr_db_mean"] == np.inf
+    assert summary.loc[("tucker", "all", "all"), "psnr_db_median"] == pytest.approx((42.1 + 45) / 2)
+    assert summary.loc[("reference_again", "all", "all"), "psnr_db_mean"] == 70
+    assert "glossy" not in summary.index.get_level_values("class")
+    assert "absent" not in summary.index.get_level_values("model")
+
+
+def test_lower_bounds_are_counted(errors):
+    errors.loc[0, "psnr_se_db"] = np.inf
+    summary = tables.summarise(errors, CLASSES, MODELS).set_index(["model", "class", "scene"])
+    assert summary.loc[("ward", "all", "all"), "bounds"] == 1
+    assert summary.loc[("ward", "diffuse", "all"), "bounds"] == 0
+
+
+def test_wins_and_ties_as_counted_by_hand(errors):
+    wins = tables.count_wins(errors, CLASSES, MODELS).set_index(["model", "other", "class"])
+    row = wins.loc[("tucker", "ward", "all")]
+    assert (row["count"], row["wins"], row["ties"], row["losses"]) == (5, 2, 2, 1)
+    assert row["mean_difference_db"] == np.inf
+    back = wins.loc[("ward", "tucker", "all")]
+    assert (back["count"], back["wins"], back["ties"], back["losses"]) == (5, 1, 2, 2)
+    specular = wins.loc[("tucker", "ward", "specular")]
+    assert (specular["wins"], specular["ties"], specular["losses"]) == (1, 1, 0)
+    assert specular["mean_difference_db"] == pytest.approx((2 + 2.1) / 2)
+    assert "reference_again" not in wins.index.get_level_values("model")
+
+
+def test_two_perfect_models_tie():
+    errors = errors_of({("chrome", "ward", "a"): np.inf, ("chrome", "tucker", "a"): np.inf})
+    row = tables.count_wins(errors, CLASSES, MODELS).set_index(["model", "other", "class"]).loc["ward", "tucker", "all"]
+    assert (row["ties"], row["mean_difference_db"]) == (1, 0)
+
+
+def test_published_figures_stand_beside_ours_over_the_same_materials(errors):
+    from brdfatlas.published import published_psnr
+
+    rows = tables.beside_published(errors, CLASSES, MODELS).set_index(["model", "source"])
+    assert rows.loc[("tucker", "Bagher et al. 2016"), "published_db"] == 54.02
+    assert rows.loc[("tucker", "Bagher et al. 2016"), "published_count"] == 100
+    ward = rows.loc[("ward", "Bilgili et al. 2011")]
+    expected = np.mean([published_psnr(name)["ward"] for name in ("chrome", "nylon")])
+    assert ward["published_db"] == pytest.approx(expected)
+    assert ward["ours_db"] == pytest.approx((30 + 40 + 50) / 3)  # my-own has no published figure
+    assert ward["published_count"] == ward["ours_count"] == 2
+    assert "2 built-in stand-ins (no measurements)" in ward["note"]
+    assert "scene" in ward["note"]
+    assert ("ward", "Bagher et al. 2016") not in rows.index
+
+
+def test_all_tables_are_written_and_read_back(errors, tmp_path):
+    brdf = pd.DataFrame(
+        [("chrome", "ward", 1.0, 2.0, 3.0, 4.0), ("nylon", "ward", np.nan, np.nan, np.nan, np.nan)],
+        columns=["material", "model", *BRDF_MEASURES],
+    )
+    descriptions = []
+    for item in CLASSES.to_dict("records"):
+        write_json(tmp_path / f"{item['material']}.json", {"name": item["material"]} | item)
+        descriptions.append(tmp_path / f"{item['material']}.json")
+    write_tsv(tmp_path / "e.tsv", errors)
+    write_tsv(tmp_path / "b.tsv", brdf)
+    tables.write_tables([tmp_path / "e.tsv"], [tmp_path / "b.tsv"], descriptions, MODELS, tmp_path / "out")
+    names = {"errors", "brdf", "summary", "summary_brdf", "wins", "published"}
+    assert {path.stem for path in (tmp_path / "out").iterdir()} == names
+    rows = read_tsv(tmp_path / "out" / "errors.tsv").set_index("material")
+    assert set(rows.loc["my-own", "standin"]) == {"no"}
+    assert set(rows.loc["nylon", "standin"]) == {"yes"}
+    summary = read_tsv(tmp_path / "out" / "summary_brdf.tsv").set_index(["model", "class"])
+    assert summary.loc[("ward", "all"), "count"] == 1
+    assert summary.loc[("ward", "all"), "failed"] == 1
+    assert summary.loc[("ward", "all"), "loew_e2_mean"] == 2
+    back = read_tsv(tmp_path / "out" / "summary.tsv")
+    expected = tables.summarise(errors, CLASSES, MODELS)
+    pd.testing.assert_frame_equal(back, expected, check_dtype=False, rtol=1e-5)
+
+
+def test_a_run_in_which_nothing_worked_still_has_tables():
+    errors = errors_of({("chrome", "ward", "a"): None})
+    summary = tables.summarise(errors, CLASSES, MODELS)
+    assert list(summary["count"]) == [0, 0]
+    assert summary["psnr_db_mean"].isna().all()
+    assert tables.count_wins(errors, CLASSES, MODELS).empty
+    assert tables.beside_published(errors, CLASSES, MODELS).empty

@@ -1,0 +1,86 @@
+"""The uber-texture and the JSON export give back the fits they hold."""
+
+import numpy as np
+import pytest
+
+from brdfatlas.export import export_json, import_json
+from brdfatlas.fits import Fit
+from brdfatlas.models import MODELS
+from brdfatlas.uber_texture import (
+    D_AT,
+    G_AT,
+    RHO_S_AT,
+    UberTextureError,
+    build_uber_texture,
+    load_uber_texture,
+    save_uber_texture,
+)
+
+
+def random_fit(model: str, material: str, seed: int, standin=False) -> Fit:
+    random = np.random.default_rng(seed)
+    parameters = {p.name: random.uniform(0, 1, p.shape).astype(p.dtype) for p in MODELS[model].parameters}
+    return Fit(model, material, parameters, {"power": 1.4}, standin)
+
+
+def test_round_trip(tmp_path):
+    fits = [random_fit("independent_g", f"material-{k}", k, standin=k == 3) for k in range(5)]
+    path = tmp_path / "uber.exr"
+    save_uber_texture(path, build_uber_texture(fits))
+    texture = load_uber_texture(path)
+    assert texture.texels.shape == (128, 512, 3)
+    assert texture.materials == tuple(fit.material for fit in fits)
+    for fit in fits:
+        back = texture.fit(fit.material)
+        assert back.standin == fit.standin
+        for name, values in fit.parameters.items():
+            np.testing.assert_array_equal(back.parameters[name], values)
+    # the documented layout: D's third cell, G's last node, rho_s of the second material in green
+    row, parameters = texture.texels[1, :, 1], fits[1].parameters
+    assert row[D_AT + 2] == parameters["d"][1, 2]
+    assert row[G_AT + 89] == parameters["g"][1, 89]
+    assert row[RHO_S_AT] == parameters["rho_s"][1]
+    assert not texture.texels[5:].any()
+    with pytest.raises(KeyError, match="no material 'brass'"):
+        texture.fit("brass")
+
+
+def test_what_makes_no_texture(tmp_path):
+    one = random_fit("independent_g", "a", 0)
+    for fits, reason in (
+        ([], "no fit"),
+        ([random_fit("naive", "a", 0)], "naive"),
+        ([one, random_fit("g_from_d", "b", 1)], "one of"),
+        ([one, one], "twice"),
+        ([random_fit("g_from_d", f"m{k}", k) for k in range(129)], "128 materials"),
+    ):
+        with pytest.raises(UberTextureError, match=reason):
+            build_uber_texture(fits)
+    path = tmp_path / "text.exr"
+    path.write_text("no picture")
+    with pytest.raises(UberTextureError, match=r"text\.exr: not an EXR"):
+        load_uber_texture(path)
+    with pytest.raises(UberTextureError, match="no such file"):
+        load_uber_texture(tmp_path / "none.exr")
+
+
+@pytest.mark.parametrize("model", ["independent_g", "naive", "bivariate", "low_rank_2", "ward"])
+def test_json_gives_back_the_fit(model, tmp_path):
+    fit = random_fit(model, "pvc", 3)
+    path = tmp_path / "fit.json"
+    export_json(fit, path)
+    back = import_json(path)
+    assert (back.model, back.material, back.standin, back.options) == (model, "pvc", False, {"power": 1.4})
+    for name, values in fit.parameters.items():
+        assert back.parameters[name].dtype == values.dtype
+        np.testing.assert_array_equal(back.parameters[name], values)
+
+
+def test_json_faults_are_named(tmp_path):
+    path = tmp_path / "fit.json"
+    with pytest.raises(ValueError, match="no such file"):
+        import_json(path)
+    for text, reason in (("{", "not JSON"), ("[]", "not a"), ('{"format": "brdfatlas fit 1"}', "damaged")):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=reason):
+            import_json(path)

@@ -1,0 +1,256 @@
+"""Faults: after a kill, a full disk, damage, a wrong clock the next run completes, with the results of a quiet run."""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+SMALL = {"materials": ["pink-felt"], "models": ["ggx"], "pdf": False}
+FIT = "results/fits/pink-felt/ggx"
+RENDERS = "results/renders/pink-felt"
+ERRORS = "results/errors/pink-felt.tsv"
+#: Enough of the run for most faults: stand-in, fit, scene, three renders, errors.
+TARGET = ["--", ERRORS]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory, new_project):
+    """A quiet run up to the errors of one material."""
+    project = new_project(tmp_path_factory.mktemp("undisturbed"))
+    project.configure(**SMALL)
+    project.snakemake(*TARGET)
+    return project
+
+
+@pytest.fixture
+def finished(undisturbed, tmp_path):
+    """A copy of the quiet run, to be disturbed."""
+    return copy_run(undisturbed, tmp_path / "copy")
+
+
+def copy_run(project, destination: Path):
+    """A copy of a project with all that its runs made."""
+    return type(project)(Path(shutil.copytree(project.root, destination, symlinks=True)))
+
+
+def results(project) -> list[Path]:
+    """Files of the results folder."""
+    return [path for path in (project.root / "results").rglob("*") if path.is_file()]
+
+
+def remove(project, *names: str) -> None:
+    for name in names:
+        path = project.root / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+@contextlib.contextmanager
+def running(project, *arguments: str) -> Iterator[subprocess.Popen]:
+    """Snakemake at work in the background, in a process group of its own."""
+    env = os.environ | {"PYTHONPATH": str(project.root / "src")}
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", *arguments]
+    with open(project.root / "background.log", "w") as log:
+        process = subprocess.Popen(
+            command, cwd=project.root, env=env, stdout=log, stderr=log, text=True, start_new_session=True
+        )
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def wait_for(condition: Callable[[], object], process: subprocess.Popen, seconds: float = 300.0) -> object:
+    """The first true value of ``condition`` while the process lives."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        assert process.poll() is None, "the run ended before it could be disturbed"
+        time.sleep(0.05)
+    raise AssertionError("the moment to disturb the run did not come")
+
+
+def jobs_of(project, script: str) -> list[int]:
+    """Processes that run a script of this copy of the project."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        with contextlib.suppress(OSError):
+            command = (entry / "cmdline").read_bytes().split(b"\0")
+            here = os.readlink(entry / "cwd") == str(project.root)
+            if here and any(Path(os.fsdecode(part)).name.endswith(script) for part in command):
+                found.append(int(entry.name))
+    return found
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="finds processes in /proc")
+
+
+@needs_proc
+def test_a_killed_job_is_run_again(finished, undisturbed, differences):
+    remove(finished, f"{FIT}.npz", f"{FIT}.json", ERRORS)
+    with running(finished, *TARGET) as process:
+        for job in wait_for(lambda: jobs_of(finished, "fit_model.py"), process):
+            os.kill(job, signal.SIGKILL)
+        assert process.wait(300) != 0
+    assert not (finished.root / f"{FIT}.json").exists()
+    finished.snakemake(*TARGET)
+    assert differences(finished, undisturbed) == []
+
+
+@needs_proc
+def test_after_a_killed_snakemake_the_next_run_just_works(finished, undisturbed, differences):
+    remove(finished, RENDERS, ERRORS)
+    with running(finished, *TARGET) as process:
+        wait_for(lambda: jobs_of(finished, "render_material.py"), process)
+        os.kill(process.pid, signal.SIGKILL)  # its jobs live on, as after a real kill
+        process.wait()
+        assert list((finished.root / ".snakemake" / "locks").iterdir()), "the dead run left its lock"
+        done = finished.snakemake(*TARGET)
+    assert "an earlier run was killed" in done.stdout
+    assert differences(finished, undisturbed) == []
+
+
+@needs_proc
+def test_a_second_run_beside_a_living_one_is_refused_in_one_line(finished):
+    remove(finished, RENDERS, ERRORS)
+    with running(finished, *TARGET) as process:
+        for job in wait_for(lambda: jobs_of(finished, "render_material.py"), process):
+            os.kill(job, signal.SIGSTOP)  # so that the first run lasts as long as the second looks at it
+        done = finished.snakemake(*TARGET, check=False)
+        assert done.returncode == 1
+        assert "another run is at work here" in done.stdout
+        assert process.poll() is None
+
+
+def test_damaged_intermediates_are_made_again(finished, undisturbed, differences):
+    damaged = [f"{FIT}.npz", f"{RENDERS}/ggx/studio_sphere.exr", "results/errors/pink-felt.brdf.tsv"]
+    for name in damaged:
+        path = finished.root / name
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    done = finished.snakemake(*TARGET, "results/errors/pink-felt.brdf.tsv")
+    for name in damaged:
+        assert f"{name}: damaged since it was made" in done.stdout
+    assert differences(finished, undisturbed) == []
+
+
+@contextlib.contextmanager
+def mounted(folder: Path, *options: str) -> Iterator[None]:
+    """Something mounted on ``folder``; skips where this user may not."""
+    folder.mkdir(parents=True, exist_ok=True)
+    done = subprocess.run(["mount", *options, str(folder)], capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"this user cannot mount: {done.stderr.strip()}")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def test_after_a_full_disk_the_next_run_completes(finished, undisturbed, differences):
+    remove(finished, RENDERS, ERRORS)
+    with mounted(finished.root / RENDERS, "-t", "tmpfs", "-o", "size=16k", "tmpfs"):
+        done = finished.snakemake(*TARGET, check=False)
+        assert done.returncode == 1
+        assert "No space left on device" in done.stdout
+        whole = [path for path in (finished.root / RENDERS).rglob("*.exr") if not path.name.startswith(".")]
+        assert whole == [], "no render is there that is not whole"
+    finished.snakemake(*TARGET)
+    assert differences(finished, undisturbed) == []
+
+
+def test_a_results_folder_that_cannot_be_written_is_one_clear_line(finished):
+    results_folder = finished.root / "results"
+    with mounted(results_folder, "--bind", str(results_folder)):
+        subprocess.run(["mount", "-o", "remount,ro,bind", str(results_folder)], check=True)
+        done = finished.snakemake("--forcerun", "measure_errors", *TARGET, check=False)
+    assert done.returncode == 1
+    lines = [line for line in done.stdout.splitlines() if "cannot be written" in line]
+    assert lines == [
+        "results: cannot be written (Read-only file system); make it writable for this user, or free space there"
+    ]
+    assert "Traceback" not in done.stdout
+
+
+def test_a_clock_set_back_neither_hides_changes_nor_repeats_work(finished, undisturbed):
+    """Everything was made while the clock was a day ahead; then a model's file changes."""
+    ahead = time.time() + 86_400
+    for path in [*(finished.root / "results").rglob("*"), *(finished.root / "src").rglob("*.py")]:
+        os.utime(path, (ahead, ahead))
+    assert finished.snakemake(*TARGET).stdout.count("Finished jobid") == 0, "nothing changed, nothing to do"
+    ledger = (finished.root / "results" / "ledger.tsv").read_text()
+    made = [path for path in results(finished) if str(path.relative_to(finished.root)) in ledger]
+    assert len(made) > 5
+    assert all(path.stat().st_mtime <= time.time() for path in made)
+
+    for path in (finished.root / "results").rglob("*"):
+        os.utime(path, (ahead, ahead))
+    model = finished.root / "src" / "brdfatlas" / "models" / "ggx.py"
+    model.write_text(model.read_text() + "\n# changed\n")
+    assert "Rule: fit_model" in finished.snakemake("--", f"{FIT}.json").stdout
+    assert (finished.root / f"{FIT}.npz").read_bytes() == (undisturbed.root / f"{FIT}.npz").read_bytes()
+
+
+BROKEN = '''
+"""A model that fails."""
+
+from brdfatlas.models import ggx
+
+
+class Broken(ggx.GGX):
+    name = "broken"
+    title = "Broken"
+
+    def fit(self, *arguments, **options):
+        raise RuntimeError("the lamp is out <script>alert('reason')</script>")
+'''
+
+
+@pytest.mark.slow
+def test_failures_stop_nothing_but_are_told_in_report_and_exit_status(undisturbed, tmp_path):
+    """A model that raises, a file cut short, files with hostile names: all of a run, to the report."""
+    project = copy_run(undisturbed, tmp_path / "copy")
+    merl = project.root / "data" / "merl"
+    merl.mkdir(parents=True)
+    good = project.root / "results" / "standins" / "pink-felt.binary"
+    good.rename(merl / "felt.binary")
+    (merl / "half.binary").write_bytes((merl / "felt.binary").read_bytes()[:10_000_000])
+    hostile = ["a b; touch pwned.binary", "$(touch pwned).binary", "<script>alert('name')<script>.binary", "..binary"]
+    for name in [*hostile, "new\nline.binary"]:
+        (merl / name).symlink_to("felt.binary")
+    (project.root / "broken.py").write_text(BROKEN)
+    models = project.root / "config" / "models.yaml"
+    models.write_text("ggx: {}\nbroken: {source: broken.py}\n")
+    project.configure(**SMALL | {"materials": "all", "models": "all"})
+
+    done = project.snakemake(check=False)
+    assert done.returncode == 1
+    assert "1 of 2 fits failed" in done.stdout
+    assert "broken on felt: RuntimeError: the lamp is out" in done.stdout
+    assert json.loads((project.root / "results/fits/felt/ggx.json").read_text())["status"] == "ok"
+    assert (project.root / "results" / "errors" / "felt.tsv").stat().st_size > 0
+    pages = {path: path.read_text() for path in (project.root / "reports").rglob("*.html")}
+    index = pages[project.root / "reports" / "index.html"]
+    assert "the lamp is out" in "".join(pages.values())
+    assert "half.binary: truncated" in index
+    for path, text in pages.items():
+        assert "<script>alert" not in text, path
+    assert not list(project.root.rglob("pwned*"))
+    outside = {path.name for path in tmp_path.iterdir()}
+    assert outside == {"copy"}
+    # Mended, the next run ends well.
+    (project.root / "broken.py").write_text(BROKEN.replace("raise", "return super().fit(*arguments, **options) #"))
+    project.snakemake()
+    assert "the lamp is out" not in (project.root / "reports" / "models" / "broken.html").read_text()

@@ -1,0 +1,46 @@
+"""Scenes in the workflow: a new one renders only itself, a missing file stops the run before any rendering."""
+
+import numpy as np
+import yaml
+
+from brdfatlas.images import load_render
+
+RENDERS = "results/renders/pink-felt/reference"
+SCENE = {
+    "geometry": [{"shape": "sphere"}],
+    "environment": {"kind": "hall", "width": 32},
+    "camera": {"origin": [0, 0, 6]},
+}
+
+
+def add_scene(project, name, **changes):
+    path = project.root / "config" / "scenes.yaml"
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | {name: SCENE | changes}, sort_keys=False))
+    project.configure(scenes=["studio_sphere", name])
+
+
+def test_a_new_scene_renders_only_itself(project):
+    first, second = f"{RENDERS}/studio_sphere.exr", f"{RENDERS}/mine.exr"
+    log = project.root / "results/logs/render_material/pink-felt/reference.log"
+    project.snakemake("--", first)
+    assert "studio_sphere.exr: rendered" in log.read_text()
+    before = load_render(project.root / first)
+    inode = (project.root / first).stat().st_ino
+    add_scene(project, "mine")
+    project.snakemake("--", second)
+    said = log.read_text()
+    assert "studio_sphere.exr: kept" in said
+    assert "mine.exr: rendered" in said
+    assert (project.root / first).stat().st_ino == inode
+    np.testing.assert_array_equal(load_render(project.root / first).mean, before.mean)
+    assert load_render(project.root / second).mask.any()
+    assert project.planned("--", first, second) == {}
+
+
+def test_a_missing_probe_stops_before_rendering(project):
+    add_scene(project, "mine", environment={"kind": "file", "file": "data/assets/gone.hdr"})
+    done = project.snakemake("--", f"{RENDERS}/mine.exr", check=False)
+    assert done.returncode != 0
+    fault = "config/scenes.yaml: mine.environment.file: data/assets/gone.hdr: no such file"
+    assert [line for line in done.stdout.splitlines() if fault in line]
+    assert not (project.root / "results" / "renders").exists()

@@ -1,0 +1,157 @@
+"""The pipeline as a whole: lint, plan, run, nothing left to do, and exactly what each kind of change reruns."""
+
+import json
+
+import pytest
+import yaml
+
+
+def change(path, text):
+    """Append ``text`` to a file and return a function that puts the old content back with its time stamp."""
+    import os
+
+    old, status = path.read_bytes(), path.stat()
+    path.write_bytes(old + text.encode())
+
+    def restore():
+        path.write_bytes(old)
+        os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+    return restore
+
+
+def test_lint_is_clean(project):
+    assert "Congratulations" in project.snakemake("--lint").stdout
+
+
+def test_dry_run_plans_a_job_per_material_and_model(project):
+    planned = project.planned()
+    assert planned["make_standin"] == 2
+    assert planned["fit_model"] == 4
+    assert planned["render_material"] == 2 * (2 + 2)  # two models, the reference and its repetition
+
+
+def test_bad_configuration_stops_before_any_work(project):
+    project.configure(render={"sizes": 3})
+    done = project.snakemake(check=False)
+    assert done.returncode != 0
+    assert "render" in done.stdout
+    assert "known keys" in done.stdout
+    assert not (project.root / "results").exists()
+
+
+def test_end_to_end_makes_the_report(finished_run):
+    index = (finished_run.root / "reports" / "index.html").read_text()
+    for name in ("pink-felt", "chrome"):
+        assert name in index
+        assert (finished_run.root / "reports" / "materials" / f"{name}.html").is_file()
+    assert "stand-in" in index
+
+
+def test_second_run_has_nothing_to_do(finished_run):
+    assert finished_run.planned() == {}
+    assert "Nothing to be done" in finished_run.snakemake().stdout
+
+
+def test_a_models_source_refits_that_model_only(finished_run):
+    restore = change(finished_run.root / "src" / "brdfatlas" / "models" / "ggx.py", "\n# changed\n")
+    try:
+        planned = finished_run.planned()
+    finally:
+        restore()
+    assert planned["fit_model"] == 2
+    assert planned["render_material"] == 2
+    assert not {"make_standin", "describe_material", "prepare_scene"} & planned.keys()
+    assert finished_run.planned() == {}
+
+
+def test_a_shared_solver_refits_what_uses_it(finished_run):
+    restore = change(finished_run.root / "src" / "brdfatlas" / "solvers" / "power_iteration.py", "\n# changed\n")
+    try:
+        planned = finished_run.planned()
+    finally:
+        restore()
+    assert planned["fit_model"] == 4
+
+
+def test_the_error_measures_rerun_errors_but_no_fit_and_no_render(finished_run):
+    restore = change(finished_run.root / "src" / "brdfatlas" / "errors.py", "\n# changed\n")
+    try:
+        planned = finished_run.planned()
+    finally:
+        restore()
+    assert "fit_model" not in planned
+    assert "render_material" not in planned
+    assert any(name.startswith("measure") for name in planned)
+
+
+def with_config(run, **changes):
+    """Jobs planned under a changed configuration, which is put back."""
+    path = run.root / "config" / "config.yaml"
+    old = path.read_text()
+    try:
+        run.configure(**changes)
+        return run.planned()
+    finally:
+        path.write_text(old)
+
+
+def test_a_new_model_costs_that_model_only(finished_run):
+    planned = with_config(finished_run, models=["ggx", "gaussian", "tabulated"])
+    assert planned["fit_model"] == 2
+    assert planned["render_material"] == 2
+
+
+def test_a_new_material_costs_that_material_only(finished_run):
+    planned = with_config(finished_run, materials=["pink-felt", "chrome", "nylon"])
+    assert planned["make_standin"] == 1
+    assert planned["fit_model"] == 2
+    assert planned["render_material"] == 4
+
+
+def test_a_new_scene_fits_nothing(finished_run):
+    scenes = list(yaml.safe_load((finished_run.root / "config" / "scenes.yaml").read_text()))
+    other = next(name for name in scenes if name != "studio_sphere")
+    planned = with_config(finished_run, scenes=["studio_sphere", other])
+    assert "fit_model" not in planned
+    assert planned["prepare_scene"] == 2  # the list of scenes is checked anew; renders are kept (test_scenes.py)
+    assert planned["render_material"] == 8
+
+
+def test_an_option_of_a_model_refits_that_model_only(finished_run):
+    path = finished_run.root / "config" / "models.yaml"
+    old = path.read_text()
+    models = yaml.safe_load(old)
+    models["ggx"] = {"fresnel": "egsr2015"}
+    try:
+        path.write_text(yaml.safe_dump(models, sort_keys=False))
+        planned = finished_run.planned()
+    finally:
+        path.write_text(old)
+    assert planned["fit_model"] == 2
+
+
+def test_manifest_says_what_is_needed_to_repeat_the_run(finished_run):
+    run = json.loads((finished_run.root / "results" / "run.json").read_text())
+    assert run["config"]["render"]["seed"] == 1
+    assert run["versions"]["mitsuba"]
+    assert all(len(item["sha256"]) == 64 and item["standin"] for item in run["inputs"])
+
+
+@pytest.mark.slow
+def test_a_model_of_ones_own_joins_with_one_line(finished_run, tmp_path):
+    from pathlib import Path
+
+    toy = Path(__file__).resolve().parents[2] / "examples" / "lambertian.py"
+    path = finished_run.root / "config" / "models.yaml"
+    old = path.read_text()
+    name = next(line.split("=")[1].strip().strip("\"'") for line in toy.read_text().splitlines() if "name =" in line)
+    try:
+        path.write_text(old + f"{name}: {{source: {toy}}}\n")
+        finished_run.configure(models=["ggx", "gaussian", name])
+        target = f"results/fits/pink-felt/{name}.json"
+        finished_run.snakemake("--", target)
+        assert json.loads((finished_run.root / target).read_text())["status"] == "ok"
+    finally:
+        path.write_text(old)
+        finished_run.configure(models=["ggx", "gaussian"])

@@ -1,0 +1,99 @@
+# The run's materials, models and scenes, checked before any work, and the few helpers that rules share.
+
+import json
+import os
+import sys
+from pathlib import Path
+
+from brdfatlas.pipeline.configuration import choose, read_assets, read_config, read_models
+from brdfatlas.pipeline.materials import find_materials
+from brdfatlas.pipeline.progress import Progress
+from brdfatlas.pipeline.recovery import record_outputs, recover
+from brdfatlas.pipeline.sources import sources_of
+from brdfatlas.rendering.scenes import read_scenes
+from brdfatlas.standins import PUBLISHED_MODELS
+from snakemake.logging import logger
+
+# Only the process that will run jobs mends what an earlier run left, and follows the jobs: no dry run, no job itself.
+STARTING = workflow.is_main_process and not workflow.output_settings.dryrun
+
+try:
+    config = read_config(config)
+    ALL_MODELS = read_models(config["models_file"])
+    ALL_SCENES = read_scenes(config["scenes_file"])
+    MODELS = choose(config["models"], list(ALL_MODELS), "models", config["models_file"])
+    SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
+    ASSETS = read_assets("config/assets.yaml")
+    if STARTING:
+        recover(["src", "workflow", "config", config["merl_folder"]])
+    FOUND, LEFT_OUT = find_materials(config, "results/standins", "results/materials/checks.json")
+except ValueError as error:
+    raise WorkflowError(str(error)) from None
+
+# Models of your own, for every job that loads a fit of one.
+OWN_MODELS = {name: model["source"] for name, model in ALL_MODELS.items() if model["source"]}
+os.environ.update(BRDFATLAS_MODELS=json.dumps(OWN_MODELS))
+
+if STARTING:
+    logger.addHandler(Progress("results/progress.log", workflow.resource_settings.cores or 1, finished=record_outputs))
+
+BINARIES = {material.name: material.binary for material in FOUND}
+STANDINS = {material.name for material in FOUND if material.standin}
+MATERIALS = list(BINARIES)
+PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
+for item in LEFT_OUT:
+    print(f"left out: {item.reason}", file=sys.stderr)
+
+
+wildcard_constraints:
+    material=r"[A-Za-z0-9][A-Za-z0-9._-]*",
+    model=r"[A-Za-z0-9][A-Za-z0-9._-]*",
+    scene=r"[A-Za-z0-9][A-Za-z0-9._-]*",
+
+
+def binary_of(wildcards):
+    """The MERL file of a material."""
+    return BINARIES[wildcards.material]
+
+
+def sources(*modules):
+    """Source files that these modules depend on; declared as inputs, so that a changed file reruns what needs it."""
+    return list(sources_of(*modules))
+
+
+def first_material_first(wildcards):
+    """Priority of a job: materials are finished one after another, so that the first page is out early."""
+    return len(MATERIALS) - MATERIALS.index(wildcards.material)
+
+
+def model_sources(wildcards):
+    """The model's own file and what it imports: editing one model refits that model only."""
+    return sources(ALL_MODELS[wildcards.model]["module"], "brdfatlas.fits", "brdfatlas.physics")
+
+
+def scene_files(names):
+    """The light probes and meshes that these scenes read; a missing one is reported by check_scenes, by its key."""
+    shapes = [shape for name in names for shape in ALL_SCENES[name]["geometry"]]
+    files = [item["file"] for item in shapes + [ALL_SCENES[name]["environment"] for name in names]]
+    return [file for file in files if file and Path(file).is_file()]
+
+
+def fit_of(wildcards):
+    """The fit that a render needs: none for the measured table itself."""
+    if wildcards.model in ("reference", "reference_again"):
+        return {}
+    return {
+        "fit": rules.fit_model.output.fit.format(**wildcards),
+        "report": rules.fit_model.output.report.format(**wildcards),
+    }
+
+
+def beside_site(folder):
+    """Files of the reports package that are no modules: templates and assets."""
+    package = next(Path(path).parent for path in sources("brdfatlas.reports.site") if path.endswith("reports/site.py"))
+    return sorted(str(path) for path in (package / folder).iterdir() if not path.name.startswith("."))
+
+
+def asset_names():
+    """Names of the site's styles and scripts."""
+    return [Path(path).name for path in beside_site("assets")]

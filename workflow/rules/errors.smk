@@ -1,0 +1,64 @@
+# renders and fits of a material --> its errors (tsv); all materials --> tables.
+import re
+
+TONES = {name: (ALL_SCENES[name]["exposure"], ALL_SCENES[name]["gamma"]) for name in SCENES}
+MODEL_FILES = {name: ALL_MODELS[name]["module"] for name in MODELS if ALL_MODELS[name]["module"].endswith(".py")}
+RENDERS = expand(
+    "results/renders/{{material}}/{model}/{scene}.exr", model=["reference", "reference_again", *MODELS], scene=SCENES
+)
+TABLES = ["errors", "brdf", "summary", "summary_brdf", "wins", "published"]
+
+
+rule measure_errors:
+    input:
+        binary=binary_of,
+        renders=RENDERS,
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
+        source=sources("brdfatlas.errors"),
+    output:
+        images="results/errors/{material}.tsv",
+        brdf="results/errors/{material}.brdf.tsv",
+    log:
+        "results/logs/measure_errors/{material}.log",
+    benchmark:
+        "results/benchmarks/measure_errors/{material}.tsv"
+    # The names themselves: "x.brdf" must not be read as a material.
+    wildcard_constraints:
+        material="|".join(map(re.escape, MATERIALS)),
+    priority: first_material_first
+    resources:
+        mem_mb=lambda wildcards, attempt: 1200 * attempt,
+        runtime=lambda wildcards, attempt: 10 * attempt,
+    params:
+        models=MODELS,
+        model_files=MODEL_FILES,
+        tones=TONES,
+    message:
+        "measuring the errors of {wildcards.material}"
+    script:
+        "../scripts/measure_errors.py"
+
+
+rule tabulate_errors:
+    input:
+        errors=expand("results/errors/{material}.tsv", material=MATERIALS),
+        brdf=expand("results/errors/{material}.brdf.tsv", material=MATERIALS),
+        descriptions=expand("results/materials/{material}.json", material=MATERIALS),
+        published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
+        source=sources("brdfatlas.tables"),
+    output:
+        expand("results/tables/{table}.tsv", table=TABLES),
+    log:
+        "results/logs/tabulate_errors.log",
+    benchmark:
+        "results/benchmarks/tabulate_errors.tsv"
+    resources:
+        mem_mb=600,
+        runtime=5,
+    params:
+        models=MODELS,
+    message:
+        "means, wins and ties over all materials"
+    script:
+        "../scripts/tabulate_errors.py"

@@ -1,0 +1,94 @@
+# renders of a material --> pictures for its pages; the scales of the maps.
+
+
+rule draw_pictures:
+    input:
+        renders=RENDERS,
+        source=sources("brdfatlas.pictures"),
+    output:
+        # Hundreds of pictures a material would burden the DAG: a list stands for them, the reference's are watched.
+        listing="results/pictures/{material}.json",
+        references=expand("reports/materials/{{material}}/{scene}-reference.webp", scene=SCENES),
+    log:
+        "results/logs/draw_pictures/{material}.log",
+    benchmark:
+        "results/benchmarks/draw_pictures/{material}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=lambda wildcards, attempt: 600 * attempt,
+        runtime=lambda wildcards, attempt: 10 * attempt,
+    params:
+        models=MODELS,
+        tones=TONES,
+    message:
+        "pictures of {wildcards.material}"
+    script:
+        "../scripts/draw_pictures.py"
+
+
+rule draw_bars:
+    input:
+        source=sources("brdfatlas.pictures"),
+    output:
+        expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
+    log:
+        "results/logs/draw_bars.log",
+    benchmark:
+        "results/benchmarks/draw_bars.tsv"
+    resources:
+        mem_mb=400,
+        runtime=5,
+    message:
+        "colour bars of the error maps"
+    script:
+        "../scripts/draw_bars.py"
+
+
+rule draw_figures:
+    input:
+        binary=binary_of,
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
+        source=sources("brdfatlas.figures.jobs"),
+    output:
+        # Which functions there are depends on the models: a list stands for them.
+        listing="results/figures/{material}.json",
+        lobes="reports/materials/{material}/lobes.svg",
+    log:
+        "results/logs/draw_figures/{material}.log",
+    benchmark:
+        "results/benchmarks/draw_figures/{material}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=lambda wildcards, attempt: 1200 * attempt,
+        runtime=lambda wildcards, attempt: 10 * attempt,
+    params:
+        models=MODELS,
+        model_files=MODEL_FILES,
+    message:
+        "lobes and functions of {wildcards.material}"
+    script:
+        "../scripts/draw_figures.py"
+
+
+rule draw_summary:
+    input:
+        errors=expand("results/errors/{material}.tsv", material=MATERIALS),
+        descriptions=expand("results/materials/{material}.json", material=MATERIALS),
+        source=sources("brdfatlas.figures.jobs"),
+    output:
+        "reports/assets/summary.svg",
+    log:
+        "results/logs/draw_summary.log",
+    benchmark:
+        "results/benchmarks/draw_summary.tsv"
+    resources:
+        mem_mb=600,
+        runtime=5,
+    params:
+        models=MODELS,
+        model_files=MODEL_FILES,
+    message:
+        "sorted errors of all models"
+    script:
+        "../scripts/draw_summary.py"

@@ -1,0 +1,46 @@
+# material x model --> a fit (npz) and its report (json). A failed fit is reported, not raised.
+
+
+rule fit_model:
+    input:
+        binary=binary_of,
+        source=model_sources,
+    output:
+        fit="results/fits/{material}/{model}.npz",
+        report="results/fits/{material}/{model}.json",
+    log:
+        "results/logs/fit_model/{material}/{model}.log",
+    benchmark:
+        "results/benchmarks/fit_model/{material}/{model}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=lambda wildcards, attempt: 1000 * attempt,
+        runtime=lambda wildcards, attempt: 20 * attempt,
+    params:
+        options=lambda wildcards: ALL_MODELS[wildcards.model]["options"],
+        source=lambda wildcards: ALL_MODELS[wildcards.model]["source"],
+        seed=config["seed"],
+        standin=lambda wildcards: wildcards.material in STANDINS,
+    message:
+        "fitting {wildcards.model} to {wildcards.material}"
+    script:
+        "../scripts/fit_model.py"
+
+
+rule check_failures:
+    input:
+        reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
+        report="reports/index.html",
+    output:
+        "results/verdict.txt",
+    log:
+        "results/logs/check_failures.log",
+    benchmark:
+        "results/benchmarks/check_failures.tsv"
+    resources:
+        mem_mb=200,
+        runtime=5,
+    message:
+        "checking every fit for failure"
+    script:
+        "../scripts/check_failures.py"

@@ -1,0 +1,66 @@
+# .binary files in; stand-ins where there are none; a description of each material and of the run.
+
+
+rule make_standin:
+    input:
+        source=sources("brdfatlas.standins"),
+        published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES),
+    output:
+        "results/standins/{material}.binary",
+    log:
+        "results/logs/make_standin/{material}.log",
+    benchmark:
+        "results/benchmarks/make_standin/{material}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "stand-in for {wildcards.material} from published fits"
+    script:
+        "../scripts/make_standin.py"
+
+
+rule describe_material:
+    input:
+        binary=binary_of,
+        source=sources("brdfatlas.measured", "brdfatlas.diffuseness", "brdfatlas.physics"),
+    output:
+        "results/materials/{material}.json",
+    log:
+        "results/logs/describe_material/{material}.log",
+    benchmark:
+        "results/benchmarks/describe_material/{material}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        standin=lambda wildcards: wildcards.material in STANDINS,
+    message:
+        "describing {wildcards.material}"
+    script:
+        "../scripts/describe_material.py"
+
+
+rule record_run:
+    input:
+        descriptions=expand("results/materials/{material}.json", material=MATERIALS),
+    output:
+        "results/run.json",
+    log:
+        "results/logs/record_run.log",
+    benchmark:
+        "results/benchmarks/record_run.tsv"
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        config=config,
+        models={name: ALL_MODELS[name]["options"] for name in MODELS},
+        materials=BINARIES,
+        left_out=[vars(item) for item in LEFT_OUT],
+    message:
+        "recording configuration, versions and inputs"
+    script:
+        "../scripts/record_run.py"

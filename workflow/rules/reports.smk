@@ -1,0 +1,260 @@
+# facts, fits, errors and pictures --> the report: a page a material (out as soon as its material is), pages of models,
+# index and PDF.
+
+import re
+
+SITE = "brdfatlas.reports.site"
+PDF = "brdfatlas.reports.pdf"
+SHOWN_SCENES = {name: {key: ALL_SCENES[name][key] for key in ("title", "exposure", "gamma")} for name in SCENES}
+LINKS = {"pdf": config["pdf"], "viewer": True, "standings": True}
+RUN_FILES = {
+    name: {
+        "facts": f"results/materials/{name}.json",
+        "fits": [f"results/fits/{name}/{model}.json" for model in MODELS],
+        "errors": f"results/errors/{name}.tsv",
+        "brdf": f"results/errors/{name}.brdf.tsv",
+    }
+    for name in MATERIALS
+}
+MATERIAL_TABLES = ["errors", "brdf", "fits", "parameters", "published"]
+MODEL_TABLES = ["errors", "fits", "parameters"]
+RUN_TABLES = ["materials", "models", "errors", "brdf", "fits", "parameters", "left_out"]
+
+
+rule write_material_page:
+    input:
+        facts="results/materials/{material}.json",
+        fits=expand("results/fits/{{material}}/{model}.json", model=MODELS),
+        errors="results/errors/{material}.tsv",
+        brdf="results/errors/{material}.brdf.tsv",
+        pictures="results/pictures/{material}.json",
+        figures="results/figures/{material}.json",
+        bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
+        assets=expand("reports/assets/{asset}", asset=asset_names()),
+        published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
+        source=sources(SITE),
+        templates=beside_site("templates"),
+    output:
+        page="reports/materials/{material}.html",
+        thumbnail="reports/materials/{material}/thumb.webp",
+        tables=expand("reports/data/{{material}}.{table}.tsv", table=MATERIAL_TABLES),
+    log:
+        "results/logs/write_material_page/{material}.log",
+    benchmark:
+        "results/benchmarks/write_material_page/{material}.tsv"
+    wildcard_constraints:
+        material="|".join(map(re.escape, MATERIALS)),
+    priority: first_material_first
+    resources:
+        mem_mb=lambda wildcards, attempt: 400 * attempt,
+        runtime=5,
+    params:
+        pictures="reports/materials/{material}",
+        data=lambda wildcards, output: str(Path(output.tables[0]).parent),
+        published=lambda wildcards, input: str(Path(input.published[0]).parent),
+        materials=MATERIALS,
+        models=MODELS,
+        model_files=MODEL_FILES,
+        scenes=SHOWN_SCENES,
+        links=LINKS,
+    message:
+        "page of {wildcards.material}"
+    script:
+        "../scripts/write_material_page.py"
+
+
+rule write_model_pages:
+    input:
+        run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
+        fits=[path for files in RUN_FILES.values() for path in files["fits"]],
+        pictures=expand("results/pictures/{material}.json", material=MATERIALS),
+        assets=expand("reports/assets/{asset}", asset=asset_names()),
+        source=sources(SITE),
+        templates=beside_site("templates"),
+    output:
+        pages=expand("reports/models/{model}.html", model=MODELS),
+        tables=expand("reports/data/model-{model}.{table}.tsv", model=MODELS, table=MODEL_TABLES),
+    log:
+        "results/logs/write_model_pages.log",
+    benchmark:
+        "results/benchmarks/write_model_pages.tsv"
+    resources:
+        mem_mb=lambda wildcards, attempt: 600 * attempt,
+        runtime=10,
+    params:
+        folder=lambda wildcards, output: str(Path(output.pages[0]).parent),
+        files=RUN_FILES,
+        pictures="reports/materials",
+        data=lambda wildcards, output: str(Path(output.tables[0]).parent),
+        models=MODELS,
+        model_files=MODEL_FILES,
+        scenes=SHOWN_SCENES,
+        links=LINKS,
+    message:
+        "pages of the models"
+    script:
+        "../scripts/write_model_pages.py"
+
+
+rule write_index:
+    input:
+        record="results/run.json",
+        run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
+        fits=[path for files in RUN_FILES.values() for path in files["fits"]],
+        pages=expand("reports/materials/{material}.html", material=MATERIALS),
+        models=expand("reports/models/{model}.html", model=MODELS),
+        compare="reports/compare.html",
+        viewer="reports/viewer.html",
+        source=sources(SITE),
+        templates=beside_site("templates"),
+    output:
+        page="reports/index.html",
+        script="reports/data/atlas.js",
+        tables=expand("reports/data/{table}.tsv", table=[table for table in RUN_TABLES if table != "models"]),
+        models=report(
+            "reports/data/models.tsv",
+            caption="../captions/models.rst",
+            category="Results",
+            labels={"what": "models, means over all materials and scenes"},
+        ),
+    log:
+        "results/logs/write_index.log",
+    benchmark:
+        "results/benchmarks/write_index.tsv"
+    resources:
+        mem_mb=lambda wildcards, attempt: 600 * attempt,
+        runtime=10,
+    params:
+        files=RUN_FILES,
+        data=lambda wildcards, output: str(Path(output.script).parent),
+        models=MODELS,
+        model_files=MODEL_FILES,
+        scenes=SHOWN_SCENES,
+        links=LINKS,
+    message:
+        "index, tables of the run"
+    script:
+        "../scripts/write_index.py"
+
+
+rule write_assets:
+    input:
+        source=sources(SITE),
+        templates=beside_site("templates"),
+        assets=beside_site("assets"),
+    output:
+        assets=expand("reports/assets/{asset}", asset=asset_names()),
+        compare="reports/compare.html",
+    log:
+        "results/logs/write_assets.log",
+    benchmark:
+        "results/benchmarks/write_assets.tsv"
+    priority: 1000
+    resources:
+        mem_mb=300,
+        runtime=5,
+    params:
+        folder=lambda wildcards, output: str(Path(output.assets[0]).parent),
+        links=LINKS,
+    message:
+        "style and scripts of the report, the page that compares"
+    script:
+        "../scripts/write_assets.py"
+
+
+rule typeset_material:
+    input:
+        facts="results/materials/{material}.json",
+        fits=expand("results/fits/{{material}}/{model}.json", model=MODELS),
+        errors="results/errors/{material}.tsv",
+        brdf="results/errors/{material}.brdf.tsv",
+        pictures="results/pictures/{material}.json",
+        figures="results/figures/{material}.json",
+        bars="reports/assets/bar-de00.svg",
+        source=sources(PDF),
+        templates=beside_site("templates"),
+    output:
+        "results/pdf/{material}.pdf",
+    log:
+        "results/logs/typeset_material/{material}.log",
+    benchmark:
+        "results/benchmarks/typeset_material/{material}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=lambda wildcards, attempt: 500 * attempt,
+        runtime=5,
+    params:
+        pictures="reports/materials/{material}",
+        assets=lambda wildcards, input: str(Path(input.bars).parent),
+        models=MODELS,
+        model_files=MODEL_FILES,
+        scenes=SHOWN_SCENES,
+    message:
+        "PDF pages of {wildcards.material}"
+    script:
+        "../scripts/typeset_material.py"
+
+
+rule write_supplement:
+    input:
+        record="results/run.json",
+        run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
+        fits=[path for files in RUN_FILES.values() for path in files["fits"]],
+        parts=expand("results/pdf/{material}.pdf", material=MATERIALS),
+        source=sources(PDF),
+        templates=beside_site("templates"),
+    output:
+        report(
+            "reports/supplement.pdf",
+            caption="../captions/supplement.rst",
+            category="Report",
+            labels={"what": "supplement, two pages a material"},
+        ),
+    log:
+        "results/logs/write_supplement.log",
+    benchmark:
+        "results/benchmarks/write_supplement.tsv"
+    resources:
+        mem_mb=lambda wildcards, attempt: 1000 * attempt,
+        runtime=10,
+    params:
+        number=len(MATERIALS),
+        files=RUN_FILES,
+        models=MODELS,
+        model_files=MODEL_FILES,
+        scenes=SHOWN_SCENES,
+    message:
+        "joining the PDF of {params.number} materials"
+    script:
+        "../scripts/write_supplement.py"
+
+
+rule write_viewer:
+    input:
+        fits=expand("results/fits/{material}/{model}.npz", material=MATERIALS, model=MODELS),
+        reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
+        descriptions=expand("results/materials/{material}.json", material=MATERIALS),
+        scenes=expand("results/scenes/{scene}.npz", scene=SCENES),
+        source=sources("brdfatlas.reports.viewer"),
+        templates=beside_site("templates"),
+    output:
+        page="reports/viewer.html",
+        script="reports/data/viewer.js",
+    log:
+        "results/logs/write_viewer.log",
+    benchmark:
+        "results/benchmarks/write_viewer.tsv"
+    resources:
+        mem_mb=lambda wildcards, attempt: 800 * attempt,
+        runtime=10,
+    params:
+        data=lambda wildcards, output: str(Path(output.script).parent),
+        fits=[(model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
+        materials={material: f"results/materials/{material}.json" for material in MATERIALS},
+        model_files=MODEL_FILES,
+        scenes=SHOWN_SCENES,
+        links=LINKS,
+    message:
+        "interactive viewer of the factor fits"
+    script:
+        "../scripts/write_viewer.py"

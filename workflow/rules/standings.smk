@@ -1,0 +1,31 @@
+# tables of the run --> the page of standings: wins and ties, classes of materials, published figures beside ours.
+
+STANDINGS = "brdfatlas.reports.standings_page"
+STANDINGS_TABLES = ["summary", "summary_brdf", "wins", "published"]
+
+
+rule write_standings:
+    input:
+        tables=expand("results/tables/{table}.tsv", table=STANDINGS_TABLES),
+        summary="reports/assets/summary.svg",
+        models=expand("reports/models/{model}.html", model=MODELS),
+        source=sources(STANDINGS),
+        templates=beside_site("templates"),
+    output:
+        page="reports/standings.html",
+        tables=expand("reports/data/{table}.tsv", table=STANDINGS_TABLES),
+    log:
+        "results/logs/write_standings.log",
+    benchmark:
+        "results/benchmarks/write_standings.tsv"
+    resources:
+        mem_mb=400,
+        runtime=5,
+    params:
+        models=MODELS,
+        model_files=MODEL_FILES,
+        links=LINKS,
+    message:
+        "page of standings"
+    script:
+        "../scripts/write_standings.py"

@@ -1,0 +1,18 @@
+"""The index of the report and the tables of the whole run."""
+
+from brdfatlas.pipeline.logs import logged
+from brdfatlas.reports.data import register_models, scene_facts
+from brdfatlas.reports.site import read_run, write_index
+
+with logged(snakemake.log[0]):
+    p = snakemake.params
+    register_models(p.model_files)
+    write_index(
+        snakemake.output.page,
+        run_file=snakemake.input.record,
+        materials=read_run(p.files),
+        data=p.data,
+        models=p.models,
+        scenes=scene_facts(p.scenes),
+        **p.links,
+    )

@@ -1,0 +1,19 @@
+"""The page of standings, from the tables of the run."""
+
+from pathlib import Path
+
+from brdfatlas.pipeline.logs import logged
+from brdfatlas.reports.data import register_models
+from brdfatlas.reports.standings_page import write_standings
+
+with logged(snakemake.log[0]):
+    p, output = snakemake.params, snakemake.output
+    register_models(p.model_files)
+    write_standings(
+        output.page,
+        tables=Path(snakemake.input.tables[0]).parent,
+        data=Path(output.tables[0]).parent,
+        figure=snakemake.input.summary,
+        models=p.models,
+        **p.links,
+    )

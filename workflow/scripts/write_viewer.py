@@ -1,0 +1,17 @@
+"""The interactive viewer of the factor fits."""
+
+from brdfatlas.pipeline.logs import logged
+from brdfatlas.reports.data import register_models, scene_facts
+from brdfatlas.reports.viewer import write_viewer
+
+with logged(snakemake.log[0]):
+    p = snakemake.params
+    register_models(p.model_files)
+    write_viewer(
+        snakemake.output.page,
+        data=p.data,
+        fits=p.fits,
+        materials=p.materials,
+        scenes=list(zip(scene_facts(p.scenes), snakemake.input.scenes, strict=True)),
+        **p.links,
+    )
