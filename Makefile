@@ -3,6 +3,8 @@ CORES ?= 2
 BIN := .venv/bin
 READY := .venv/.ready
 SMK := workflow/rules/*.smk Snakefile
+# Some containers turn bytecode off: every job would then compile its imports anew, half of its time.
+unexport PYTHONDONTWRITEBYTECODE
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .PHONY: report test test-slurm bench lint format lock audit clean

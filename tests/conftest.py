@@ -23,6 +23,7 @@ TINY = {
     "scenes": ["studio_sphere"],
     "render": {"size": 24, "samples": 8, "batches": 4},
     "pdf": False,
+    "ablation": {"materials": ["chrome"], "models": ["naive"], "variants": {"published": {}, "flat": {"power": 0}}},
 }
 
 
@@ -50,7 +51,11 @@ class Project:
 
     def planned(self, *arguments: str) -> dict[str, int]:
         """rule -> number of jobs that a dry run would start."""
-        output = self.snakemake("--dry-run", *arguments).stdout
+        return self.jobs(self.snakemake("--dry-run", *arguments).stdout)
+
+    @staticmethod
+    def jobs(output: str) -> dict[str, int]:
+        """rule -> number of jobs, from the table that Snakemake prints of a run or a plan."""
         jobs: dict[str, int] = {}
         table = output.rsplit("Job stats:", 1)[-1] if "Job stats:" in output else ""
         for line in table.splitlines()[3:]:

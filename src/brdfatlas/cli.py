@@ -144,12 +144,44 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
     return dict(measures)
 
 
+def export_command(args: argparse.Namespace) -> dict[str, Any]:
+    """Write a fit, or its importance sampler, as JSON for other programs."""
+    from brdfatlas.export import export_json
+    from brdfatlas.sampling import export_sampler
+
+    write, what = (export_sampler, "sampler") if args.sampler else (export_json, "fit")
+    write(load_fit(args.fit), args.output)
+    if not args.json:
+        print(f"{args.output}: the {what} of {args.fit} as JSON")
+    return {"fit": args.fit, "output": args.output, "what": what}
+
+
+def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
+    """Put the factors of up to 128 fits into one EXR texture for shaders."""
+    from brdfatlas.uber_texture import build_uber_texture, save_uber_texture
+
+    texture = build_uber_texture([load_fit(path) for path in args.fits])
+    save_uber_texture(args.output, texture)
+    if not args.json:
+        print(f"{args.output}: {texture.model} of {len(texture.materials)} materials, a row each")
+    return {"model": texture.model, "materials": list(texture.materials), "output": args.output}
+
+
 def render_command(args: argparse.Namespace) -> dict[str, Any]:
     """Render a file or a fit in a scene."""
     from brdfatlas.images import save_render
     from brdfatlas.rendering.jobs import render_file
 
-    render = render_file(args.file, args.scene, samples=args.spp, size=args.size, seed=args.seed)
+    render = render_file(
+        args.file,
+        args.scene,
+        samples=args.spp,
+        size=args.size,
+        seed=args.seed,
+        scenes=args.scenes,
+        integrator=args.integrator,
+        variant=args.variant,
+    )
     save_render(args.output, render)
     if not args.json:
         print(f"{args.output}: {args.file} in {args.scene}, {args.size} x {args.size}, {args.spp} samples a pixel")
@@ -206,6 +238,10 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the model")
     sub.add_argument("--source", metavar="FILE.py", help="file with a model of your own")
     command("table", table_command, output=True).add_argument("fit", metavar="FIT")
+    sub = command("export", export_command, output=True)
+    sub.add_argument("fit", metavar="FIT")
+    sub.add_argument("--sampler", action="store_true", help="the importance sampler of an analytic fit")
+    command("uber-texture", uber_texture_command, output=True).add_argument("fits", metavar="FIT", nargs="+")
     sub = command("compare", compare_command)
     sub.add_argument("a", metavar="A")
     sub.add_argument("b", metavar="B")
@@ -215,6 +251,9 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--spp", type=int, default=64)
     sub.add_argument("--size", type=int, default=256)
     sub.add_argument("--seed", type=int, default=1)
+    sub.add_argument("--scenes", metavar="FILE.yaml", help="file that defines the scene, else the built-in scenes")
+    sub.add_argument("--integrator", choices=("direct", "path"), default="direct", help="path: by stock Mitsuba")
+    sub.add_argument("--variant", default="llvm_ad_rgb", help="Mitsuba variant")
     sub = command("image-errors", image_errors_command)
     sub.add_argument("reference", metavar="REFERENCE.exr")
     sub.add_argument("image", metavar="IMAGE.exr")

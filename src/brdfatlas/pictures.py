@@ -145,10 +145,12 @@ def pictures_job(
     renders: str | os.PathLike,
     folder: str | os.PathLike,
     listing: str | os.PathLike,
+    *,
+    hdr: bool = True,
 ) -> None:
     """Write the pictures of one material and the list of their names; ``tones``: scene -> (exposure, gamma)."""
     named = {scene: Tone(*tone) for scene, tone in tones.items()}
-    write_json(listing, {"pictures": material_pictures(models, named, renders, folder)})
+    write_json(listing, {"pictures": material_pictures(models, named, renders, folder, hdr=hdr)})
 
 
 def colour_bar(table: np.ndarray, ticks: Iterable[tuple[float, str]], title: str) -> str:

@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas.files import atomic_path
-from brdfatlas.fits import Fit
+from brdfatlas.files import atomic_path, read_json
+from brdfatlas.fits import Fit, load_fit
 
 WIDTH, HEIGHT = 512, 128
 D_AT, F_AT, G_AT, RHO_D_AT, RHO_S_AT = 0, 90, 180, 270, 271
@@ -115,3 +115,10 @@ def load_uber_texture(path: str | os.PathLike) -> UberTexture:
         key: tuple(filter(None, str(header.get(_PREFIX + key, "")).split("\n"))) for key in ("materials", "standins")
     }
     return UberTexture(texels, lines["materials"], str(header[_PREFIX + "model"]), lines["standins"])
+
+
+def uber_texture_job(model: str, fits: Sequence[str | os.PathLike], output: str | os.PathLike) -> None:
+    """Write the texture of one model from fits, each with its report (.json) beside it; a failed fit has no row."""
+    good = [load_fit(path) for path in fits if read_json(Path(path).with_suffix(".json"))["status"] == "ok"]
+    empty = UberTexture(np.zeros((HEIGHT, WIDTH, 3), np.float32), (), model)
+    save_uber_texture(output, build_uber_texture(good) if good else empty)

@@ -49,6 +49,28 @@ def test_fit_table_compare(capsys, material, tmp_path):
         assert abs(same[name]) < 1e-6 < abs(other[name]), name
 
 
+def test_exports(capsys, material, tmp_path):
+    """A fit and its sampler as JSON, and a texture of factors, give back what the fit holds."""
+    from brdfatlas.export import import_json
+    from brdfatlas.sampling import load_sampler, sampler_of
+    from brdfatlas.uber_texture import load_uber_texture
+
+    for model in ("ward", "g_from_d"):
+        assert main(["fit", model, str(material), "-o", str(tmp_path / f"{model}.npz")]) == 0
+    ward, factors = (brdfatlas.load_fit(tmp_path / f"{model}.npz") for model in ("ward", "g_from_d"))
+    run_json(capsys, "export", tmp_path / "ward.npz", "-o", tmp_path / "ward.json")
+    for name, values in import_json(tmp_path / "ward.json").parameters.items():
+        np.testing.assert_array_equal(values, ward.parameters[name])
+    run_json(capsys, "export", "--sampler", tmp_path / "ward.npz", "-o", tmp_path / "sampler.json")
+    u, wo = np.random.default_rng(0).random((100, 3)), np.array([0.6, 0.0, 0.8])
+    drawn = load_sampler(tmp_path / "sampler.json").sample(u, wo)
+    np.testing.assert_allclose(drawn, sampler_of(ward).sample(u, wo), rtol=1e-6)
+    told = run_json(capsys, "uber-texture", tmp_path / "g_from_d.npz", "-o", tmp_path / "factors.exr")
+    assert (told["model"], told["materials"]) == ("g_from_d", ["pink-felt"])
+    back = load_uber_texture(tmp_path / "factors.exr").fit("pink-felt")
+    np.testing.assert_array_equal(back.parameters["g"], factors.parameters["g"])
+
+
 def test_python_functions_are_the_commands(material):
     measured = brdfatlas.read_merl(material)
     a, b = (brdfatlas.fit("ggx", measured, seed=0) for _ in range(2))
@@ -66,6 +88,9 @@ def test_python_functions_are_the_commands(material):
         (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "colour"], "KEY=VALUE"),
         (["table", "{m}", "-o", "x.binary"], "not a brdfatlas fit"),
         (["table", "absent.npz", "-o", "x.binary"], "absent.npz: no such fit"),
+        (["export", "absent.npz", "-o", "x.json"], "absent.npz: no such fit"),
+        (["uber-texture", "absent.npz", "-o", "x.exr"], "absent.npz: no such fit"),
+        (["render", "{m}", "-o", "x.exr", "--scenes", "absent.yaml"], "absent.yaml: no such file"),
     ],
 )
 def test_faults_are_one_line_and_write_nothing(capsys, material, tmp_path, monkeypatch, arguments, words):

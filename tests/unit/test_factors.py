@@ -322,6 +322,17 @@ def test_each_switch_is_minimised(options, noisy):
         assert own.report["objective"] == pytest.approx(of(own), rel=1e-5)
 
 
+def test_nothing_runs_away_beyond_a_smaller_range(noisy):
+    """No sample beyond 80 degrees is fitted: G / cos stays there what it is at the last node within."""
+    cosine = node_cosines()
+    for name in ("independent_g", "bivariate_g", "low_rank_2"):
+        g = fit(name, noisy, max_angle=80.0, **quick(name)).parameters["g"].astype(float)
+        ratio = g[:, 79:89] / cosine[79:89]
+        np.testing.assert_allclose(ratio, ratio[:, :1] * np.ones(10), rtol=1e-5, err_msg=name)
+    g = fit("g_from_d", noisy, max_angle=80.0).parameters
+    np.testing.assert_allclose(g["g"][0], g_from_d(g["d"][0].astype(float)), rtol=1e-5)
+
+
 def test_unknown_option():
     with pytest.raises(ValueError, match=r"naive.*unknown option 'kernel'"):
         fit("naive", material(), kernel=3)

@@ -1,6 +1,5 @@
 """The factorizations: recovery of what they can represent, monotone solvers, bad input."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -333,8 +332,8 @@ def test_missing_cells_do_not_change_the_rest_much(name, plastic_fits):
 
 
 @pytest.mark.slow
-def test_measured_like_materials_within_the_time():
-    """Two materials of ../shared made by its tool, if they are there: the order of the papers, and 20 s each."""
+def test_measured_like_materials_in_the_order_of_the_papers():
+    """Two materials of ../shared made by its tool, if they are there. Seconds: `make bench`."""
     tool = Path(__file__).resolve().parents[2].parent / "shared" / "tools" / "make_measured.py"
     if not tool.is_file():
         pytest.skip("needs make_measured.py of ../shared")
@@ -350,8 +349,6 @@ def test_measured_like_materials_within_the_time():
             measured = read_merl(path)
             scores = {}
             for name in NAMES:
-                start = time.process_time()
                 fitted = fit(name, measured)
-                assert time.process_time() - start < 20
                 scores[name] = log_deviation(measured.table, fitted.table())
             assert scores["tucker"] < scores["lawrence"] < 0.03

@@ -313,3 +313,26 @@ def test_all_tiles_fit_one_page(models):
     columns = tile_columns(models + 1, models)
     rows = math.ceil((models + 1) / columns) + math.ceil(models / columns)
     assert rows * (182 / columns + 3.2) <= 225, "A4 less margins, title and headings"
+
+
+def test_ablation_means_compare_what_both_objectives_have():
+    """A render that failed under one objective does not count in the difference of the two."""
+    from brdfatlas.reports.ablation_page import describe, mean_rows, split_variants
+
+    variants = {f"naive.{name}": {"model": "naive", "options": {}} for name in ("published", "flat.one")}
+    rows = [
+        ("a", "naive.published", "ok", 50.0),
+        ("b", "naive.published", "ok", 30.0),
+        ("a", "naive.flat.one", "ok", 44.0),
+        ("b", "naive.flat.one", "failed", float("nan")),
+        ("a", "reference_again", "ok", 60.0),
+    ]
+    frame = pd.DataFrame(rows, columns=["material", "model", "status", "psnr_db"])
+    frame = frame.assign(scene="studio", de00_mean=1.0, flip_mean=0.1)
+    split = split_variants(frame, variants)
+    assert list(split["variant"]) == ["published", "published", "flat.one", "flat.one"]
+    first, second = mean_rows(split, ["naive"], ["published", "flat.one"])
+    assert (first["psnr_db"], first["difference"], first["count"], first["failed"]) == (40.0, 0.0, 2, 0)
+    assert (second["psnr_db"], second["difference"], second["count"], second["failed"]) == (44.0, -6.0, 1, 1)
+    assert describe("x", {}).words == "as published"
+    assert describe("x", {"power": 0, "max_angle": 80}).words == "no compressive weight, angles up to 80°"

@@ -14,6 +14,7 @@ from brdfatlas.uber_texture import (
     build_uber_texture,
     load_uber_texture,
     save_uber_texture,
+    uber_texture_job,
 )
 
 
@@ -62,6 +63,23 @@ def test_what_makes_no_texture(tmp_path):
         load_uber_texture(path)
     with pytest.raises(UberTextureError, match="no such file"):
         load_uber_texture(tmp_path / "none.exr")
+
+
+def test_a_run_s_texture_has_its_good_fits(tmp_path):
+    """Failed fits have no row; a model that failed everywhere gives an empty texture, not an error."""
+    paths = []
+    for material, status in (("a", "ok"), ("b", "failed"), ("c", "ok")):
+        path = tmp_path / f"{material}.npz"
+        random_fit("independent_g", material, 1).save(path)
+        path.with_suffix(".json").write_text(f'{{"status": "{status}"}}')
+        paths.append(path)
+    uber_texture_job("independent_g", paths, tmp_path / "some.exr")
+    assert load_uber_texture(tmp_path / "some.exr").materials == ("a", "c")
+    uber_texture_job("independent_g", paths[1:2], tmp_path / "none.exr")
+    empty = load_uber_texture(tmp_path / "none.exr")
+    assert empty.materials == ()
+    assert empty.model == "independent_g"
+    assert not empty.texels.any()
 
 
 @pytest.mark.parametrize("model", ["independent_g", "naive", "bivariate", "low_rank_2", "ward"])

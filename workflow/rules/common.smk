@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from brdfatlas.pipeline.configuration import choose, read_assets, read_config, read_models
+from brdfatlas.pipeline.configuration import choose, read_assets, read_config, read_models, read_variants
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.progress import Progress
 from brdfatlas.pipeline.recovery import record_outputs, recover
@@ -23,12 +23,17 @@ try:
     ALL_SCENES = read_scenes(config["scenes_file"])
     MODELS = choose(config["models"], list(ALL_MODELS), "models", config["models_file"])
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
+    VARIANTS = read_variants(config["ablation"], ALL_MODELS)
     ASSETS = read_assets("config/assets.yaml")
     if STARTING:
         recover(["src", "workflow", "config", config["merl_folder"]])
     FOUND, LEFT_OUT = find_materials(config, "results/standins", "results/materials/checks.json")
+    ABLATED = choose(config["ablation"]["materials"], [item.name for item in FOUND], "ablation.materials", "config")
 except ValueError as error:
     raise WorkflowError(str(error)) from None
+
+# What can be fitted: the models, and those of the ablation with other options.
+FITTED = ALL_MODELS | VARIANTS
 
 # Models of your own, for every job that loads a fit of one.
 OWN_MODELS = {name: model["source"] for name, model in ALL_MODELS.items() if model["source"]}
@@ -68,7 +73,7 @@ def first_material_first(wildcards):
 
 def model_sources(wildcards):
     """The model's own file and what it imports: editing one model refits that model only."""
-    return sources(ALL_MODELS[wildcards.model]["module"], "brdfatlas.fits", "brdfatlas.physics")
+    return sources(FITTED[wildcards.model]["module"], "brdfatlas.fits", "brdfatlas.physics")
 
 
 def scene_files(names):

@@ -20,6 +20,7 @@ rule draw_pictures:
     params:
         models=MODELS,
         tones=TONES,
+        hdr=True,
     message:
         "pictures of {wildcards.material}"
     script:

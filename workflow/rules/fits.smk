@@ -17,8 +17,9 @@ rule fit_model:
         mem_mb=lambda wildcards, attempt: 1000 * attempt,
         runtime=lambda wildcards, attempt: 20 * attempt,
     params:
-        options=lambda wildcards: ALL_MODELS[wildcards.model]["options"],
-        source=lambda wildcards: ALL_MODELS[wildcards.model]["source"],
+        model=lambda wildcards: FITTED[wildcards.model]["model"],
+        options=lambda wildcards: FITTED[wildcards.model]["options"],
+        source=lambda wildcards: FITTED[wildcards.model]["source"],
         seed=config["seed"],
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:

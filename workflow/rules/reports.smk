@@ -3,6 +3,8 @@
 
 import re
 
+from brdfatlas.uber_texture import HEIGHT, MODELS_WITH_FACTORS
+
 SITE = "brdfatlas.reports.site"
 PDF = "brdfatlas.reports.pdf"
 SHOWN_SCENES = {name: {key: ALL_SCENES[name][key] for key in ("title", "exposure", "gamma")} for name in SCENES}
@@ -18,7 +20,16 @@ RUN_FILES = {
 }
 MATERIAL_TABLES = ["errors", "brdf", "fits", "parameters", "published"]
 MODEL_TABLES = ["errors", "fits", "parameters"]
+# Rows of a texture are materials; where there are more than it has rows, there are several.
+FACTORED = [name for name in MODELS if name in MODELS_WITH_FACTORS]
+TEXTURE_PARTS = range(1, -(-len(MATERIALS) // HEIGHT) + 1)
 RUN_TABLES = ["materials", "models", "errors", "brdf", "fits", "parameters", "left_out"]
+
+
+def texture_rows(wildcards):
+    """The materials in one of the textures."""
+    part = int(wildcards.part)
+    return MATERIALS[(part - 1) * HEIGHT : part * HEIGHT]
 
 
 rule write_material_page:
@@ -229,8 +240,31 @@ rule write_supplement:
         "../scripts/write_supplement.py"
 
 
+rule write_uber_texture:
+    input:
+        fits=lambda wildcards: expand("results/fits/{material}/{{model}}.npz", material=texture_rows(wildcards)),
+        reports=lambda wildcards: expand("results/fits/{material}/{{model}}.json", material=texture_rows(wildcards)),
+        source=sources("brdfatlas.uber_texture"),
+    output:
+        "reports/data/uber-texture-{model}-{part}.exr",
+    log:
+        "results/logs/write_uber_texture/{model}-{part}.log",
+    benchmark:
+        "results/benchmarks/write_uber_texture/{model}-{part}.tsv"
+    wildcard_constraints:
+        part=r"\d+",
+    resources:
+        mem_mb=400,
+        runtime=5,
+    message:
+        "texture of the factors of {wildcards.model}"
+    script:
+        "../scripts/write_uber_texture.py"
+
+
 rule write_viewer:
     input:
+        textures=expand("reports/data/uber-texture-{model}-{part}.exr", model=FACTORED, part=TEXTURE_PARTS),
         fits=expand("results/fits/{material}/{model}.npz", material=MATERIALS, model=MODELS),
         reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
@@ -251,6 +285,7 @@ rule write_viewer:
         data=lambda wildcards, output: str(Path(output.script).parent),
         fits=[(model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
         materials={material: f"results/materials/{material}.json" for material in MATERIALS},
+        textures=lambda wildcards, input: [Path(path).name for path in input.textures],
         model_files=MODEL_FILES,
         scenes=SHOWN_SCENES,
         links=LINKS,

@@ -5,7 +5,7 @@ from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):
     fit_job(
-        model=snakemake.wildcards.model,
+        model=snakemake.params.model,
         source=snakemake.params.source,
         options=snakemake.params.options,
         seed=snakemake.params.seed,

@@ -12,6 +12,7 @@ with logged(snakemake.log[0]):
         data=p.data,
         fits=p.fits,
         materials=p.materials,
+        textures=p.textures,
         scenes=list(zip(scene_facts(p.scenes), snakemake.input.scenes, strict=True)),
         **p.links,
     )

@@ -20,7 +20,7 @@ from brdfatlas.measured import Measured
 from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result
 from brdfatlas.objectives import MAX_ANGLE, compressive_weights, relative_objective
 from brdfatlas.solvers.acceleration import Problem, Trace, accelerate, alternate, thinned
-from brdfatlas.solvers.awls import CLAMP, Channel, Geometry, interpolated, node_cosines, node_position
+from brdfatlas.solvers.awls import CLAMP, N_NODES, Channel, Geometry, interpolated, node_cosines, node_position
 from brdfatlas.solvers.microfacet_factors import FactorProblem
 
 BAGHER_2016 = Paper(
@@ -73,6 +73,8 @@ class FactorModel(Model):
 
     paper: ClassVar[Paper] = BAGHER_2016
     options: ClassVar[Mapping[str, Option]] = ITERATIVE
+    #: False where G follows from another factor, which knows G also where no sample is fitted.
+    free_g: ClassVar[bool] = True
 
     def weights(self, measured: Measured, options: Mapping[str, Any]) -> np.ndarray:
         """Weights of the objective, (90, 90, 180, 3). FitError if no sample has any."""
@@ -88,6 +90,10 @@ class FactorModel(Model):
         options = self.check_options(options)
         weights = self.weights(measured, options)
         fits = self.fit_channels(measured, weights, seed, options)
+        if self.free_g:
+            for fit in fits:
+                if "g" in fit.parameters:
+                    fit.parameters["g"] = held_beyond(fit.parameters["g"], options["max_angle"])
         parameters = {
             p.name: np.stack([np.asarray(fit.parameters[p.name]) for fit in fits]).astype(p.dtype)
             for p in self.parameters
@@ -205,6 +211,19 @@ def slices(channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     d, f = table[:, 0], table[0]
     d, f = (x / x.max() if x.max() > 0 else np.ones(x.size) for x in (d, f))
     return np.maximum(d, CLAMP), np.maximum(f, CLAMP)
+
+
+def held_beyond(g: np.ndarray, max_angle: float) -> np.ndarray:
+    """G with G / cos beyond ``max_angle`` (degrees) as at the last node within it, as :func:`shadowing` does beyond 89.
+
+    In a fit of a smaller range no sample touches those nodes, and G may be anything there.
+    """
+    last = int(max_angle / 90.0 * (N_NODES - 1))
+    if np.deg2rad(max_angle) >= MAX_ANGLE:
+        return g
+    g, cosine = np.array(g, float), node_cosines()
+    g[last + 1 :] = g[last] * cosine[last + 1 :] / cosine[last]
+    return g
 
 
 def factor_parameters(problem: FactorProblem, state: Any) -> dict[str, np.ndarray | float]:

@@ -106,13 +106,14 @@ def write_viewer(
     fits: Sequence[tuple[str, str | Path]],
     materials: Mapping[str, str | Path],
     scenes: Sequence[tuple[SceneFacts, str | Path]],
+    textures: Sequence[str] = (),
     **links: bool,
 ) -> int:
     """Write the viewer page and its data; returns how many fits it shows.
 
     ``fits``: (model, path of the .npz, its report .json beside it); ``materials``: name -> description;
-    ``scenes``: with the prepared scene's .npz that holds the environment. Fits that failed or do not factor are left
-    out; a page without any says so.
+    ``scenes``: with the prepared scene's .npz that holds the environment; ``textures``: names of EXRs in ``data`` to
+    link to. Fits that failed or do not factor are left out; a page without any says so.
     """
     described = {name: read_json(path) for name, path in materials.items()}
     rows, texels = [], []
@@ -130,5 +131,14 @@ def write_viewer(
     environments = {scene.name: shrink_environment(read_npz(path)["environment"]) for scene, path in scenes}
     write_text(Path(data) / "viewer.js", viewer_script(rows, texture, environments))
     tones = {scene.name: {"exposure": scene.exposure, "gamma": scene.gamma} for scene, _ in scenes}
-    render_page("viewer.html.j2", output, root="", here="viewer", rows=rows, tones=tones, **(links | {"viewer": True}))
+    render_page(
+        "viewer.html.j2",
+        output,
+        root="",
+        here="viewer",
+        rows=rows,
+        tones=tones,
+        textures=textures,
+        **(links | {"viewer": True}),
+    )
     return len(rows)

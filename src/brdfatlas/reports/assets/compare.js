@@ -109,7 +109,11 @@
 
   // --- drawing ------------------------------------------------------------------------------------------------------------
   let scheduled = false;
-  function schedule() { if (!scheduled) { scheduled = true; requestAnimationFrame(draw); } }
+  // Until it is drawn, the canvas does not show what the state asks for: whoever waits for data-ready must not be misled.
+  function schedule() {
+    canvas.dataset.ready = "false";
+    if (!scheduled) { scheduled = true; requestAnimationFrame(draw); }
+  }
   const panels = () => {
     const w = canvas.width, h = canvas.height;
     return state.v === "side" ? [{ x: 0, w: w / 2, h }, { x: w / 2, w: w / 2, h }] : [{ x: 0, w, h }];
