@@ -37,7 +37,7 @@ class Project:
         """Change keys of config/config.yaml."""
         path = self.root / "config" / "config.yaml"
         config = yaml.safe_load(path.read_text())
-        path.write_text(yaml.safe_dump(config | changes))
+        path.write_text(yaml.safe_dump(config | changes, sort_keys=False))
 
     def snakemake(self, *arguments: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess:
         """Run Snakemake in the copy; the output is in ``stdout``, messages included."""

@@ -75,7 +75,7 @@ rule write_ablation:
         mem_mb=400,
         runtime=5,
     params:
-        pictures="reports/ablation",
+        pictures=lambda wildcards, output: str(Path(output.page).with_suffix("")),
         variants=VARIANTS,
         scenes=SHOWN_SCENES,
         model_files=ABLATION_FILES,

@@ -12,6 +12,7 @@ from brdfatlas.pipeline.recovery import record_outputs, recover
 from brdfatlas.pipeline.sources import sources_of
 from brdfatlas.rendering.scenes import read_scenes
 from brdfatlas.standins import PUBLISHED_MODELS
+from brdfatlas.uber_texture import HEIGHT, MODELS_WITH_FACTORS
 from snakemake.logging import logger
 
 # Only the process that will run jobs mends what an earlier run left, and follows the jobs: no dry run, no job itself.
@@ -28,7 +29,6 @@ try:
     if STARTING:
         recover(["src", "workflow", "config", config["merl_folder"]])
     FOUND, LEFT_OUT = find_materials(config, "results/standins", "results/materials/checks.json")
-    ABLATED = choose(config["ablation"]["materials"], [item.name for item in FOUND], "ablation.materials", "config")
 except ValueError as error:
     raise WorkflowError(str(error)) from None
 
@@ -48,6 +48,13 @@ MATERIALS = list(BINARIES)
 PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)
+
+# A material that this run does not have is missed by the ablation only.
+WANTED = MATERIALS if config["ablation"]["materials"] == "all" else config["ablation"]["materials"]
+ABLATED = [name for name in WANTED if name in BINARIES]
+for name in WANTED:
+    if name not in BINARIES:
+        print(f"left out of the ablation: {name} is not a material of this run", file=sys.stderr)
 
 
 wildcard_constraints:
@@ -97,6 +104,12 @@ def beside_site(folder):
     """Files of the reports package that are no modules: templates and assets."""
     package = next(Path(path).parent for path in sources("brdfatlas.reports.site") if path.endswith("reports/site.py"))
     return sorted(str(path) for path in (package / folder).iterdir() if not path.name.startswith("."))
+
+
+def texture_rows(wildcards):
+    """The materials in one of the textures of a model's factors."""
+    part = int(wildcards.part)
+    return MATERIALS[(part - 1) * HEIGHT : part * HEIGHT]
 
 
 def asset_names():

@@ -3,8 +3,6 @@
 
 import re
 
-from brdfatlas.uber_texture import HEIGHT, MODELS_WITH_FACTORS
-
 SITE = "brdfatlas.reports.site"
 PDF = "brdfatlas.reports.pdf"
 SHOWN_SCENES = {name: {key: ALL_SCENES[name][key] for key in ("title", "exposure", "gamma")} for name in SCENES}
@@ -24,12 +22,6 @@ MODEL_TABLES = ["errors", "fits", "parameters"]
 FACTORED = [name for name in MODELS if name in MODELS_WITH_FACTORS]
 TEXTURE_PARTS = range(1, -(-len(MATERIALS) // HEIGHT) + 1)
 RUN_TABLES = ["materials", "models", "errors", "brdf", "fits", "parameters", "left_out"]
-
-
-def texture_rows(wildcards):
-    """The materials in one of the textures."""
-    part = int(wildcards.part)
-    return MATERIALS[(part - 1) * HEIGHT : part * HEIGHT]
 
 
 rule write_material_page:

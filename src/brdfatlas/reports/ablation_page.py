@@ -64,7 +64,10 @@ def write_ablation(
 
     ``facts``, ``errors``, ``brdf``: a file a material; ``pictures``: the folder with a folder a material;
     ``variants``: "model.variant" -> its model and options (:func:`brdfatlas.pipeline.configuration.read_variants`).
+    ValueError without a material.
     """
+    if not facts:
+        raise ValueError("config: ablation.materials: none of them is a material of this run")
     output = Path(output)
     materials = [read_json(path) for path in facts]
     frames = [
