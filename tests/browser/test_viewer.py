@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 
 from brdfatlas.angles import theta_d_centres, theta_h_centres
 from brdfatlas.files import write_npz
@@ -14,6 +15,7 @@ from brdfatlas.reports.pages import write_assets
 from brdfatlas.reports.viewer import shrink_environment, write_viewer
 
 SIZE, FIELD, DISTANCE = 40, np.deg2rad(21), 6.0
+RENDERED = 48
 
 
 def factors(width: float, rho_s) -> dict[str, np.ndarray]:
@@ -127,6 +129,84 @@ def test_viewer_agrees_with_an_offline_render(tab, viewer):
     assert tab.faults == []
 
 
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    """Sphere and statue under one smooth light by the project's renderer, and the viewer with the same fits."""
+    import yaml
+
+    from brdfatlas.measured import Measured
+    from brdfatlas.rendering import use_variant
+    from brdfatlas.rendering.jobs import render_scene
+    from brdfatlas.rendering.scenes import prepare_scene, read_scenes
+
+    root = tmp_path_factory.mktemp("rendered")
+    theta, phi = (np.arange(64)[:, None] + 0.5) / 64 * np.pi, (np.arange(128) + 0.5) / 128 * 2 * np.pi
+    towards = np.stack([np.sin(phi) * np.sin(theta), np.cos(theta) + 0 * phi, -np.cos(phi) * np.sin(theta)], -1)
+    light = np.full((64, 128, 3), 0.1)
+    for direction, colour in (([0.6, 0.7, 0.4], [9, 7, 5]), ([-0.8, 0.2, 0.6], [1, 2, 4])):
+        cosine = towards @ (np.array(direction) / np.linalg.norm(direction))
+        light += np.exp(12 * (cosine - 1))[..., None] * colour
+    import OpenEXR
+
+    channels = {name: np.ascontiguousarray(light[..., c], np.float32) for c, name in enumerate("RGB")}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(root / "light.exr"))
+    shapes = {
+        "sphere": {"shape": "sphere"},
+        "statue": {"shape": "statue", "size": 2, "position": [0, -1, 0]},
+    }
+    definitions = {
+        name: {
+            "geometry": [shape],
+            "environment": {"kind": "file", "file": str(root / "light.exr")},
+            "camera": {"origin": [0, 0, 6], "target": [0, 0, 0], "fov": 21},
+        }
+        for name, shape in shapes.items()
+    }
+    (root / "scenes.yaml").write_text(yaml.safe_dump(definitions))
+    use_variant()
+    fits, pictures, reports = [], {}, root / "reports"
+    glossy, low_rank = factors(0.5, [0.5, 0.4, 0.3]), factors(0.6, [1, 1, 1])
+    # Two products: the second takes light from the flanks of the first.
+    d, f = low_rank["d"], low_rank["f"]
+    two = {"u": np.stack([0.4 * d, 0.2 * d**2], 1), "v": np.stack([f, 1 - f], 1)}
+    two |= {"rho_d": glossy["rho_d"], "g": low_rank["g"]}
+    for model, parameters in (("independent_g", glossy), ("low_rank_2", two)):
+        fits.append((model, root / f"{model}.npz"))
+        fit = Fit(model, "metal", {k: np.asarray(v, np.float32) for k, v in parameters.items()}, standin=True)
+        fit.save(fits[-1][1])
+        fits[-1][1].with_suffix(".json").write_text(json.dumps({"status": "ok"}))
+        for name, definition in read_scenes(root / "scenes.yaml").items():
+            scene = prepare_scene(name, definition, RENDERED)
+            scene.save(root / f"{name}.npz")
+            pictures[model, name] = render_scene(scene, Measured("metal", fit.table()), samples=1024)
+    (root / "metal.json").write_text(json.dumps({"name": "metal", "title": "metal", "standin": True}))
+    write_assets(reports / "assets")
+    scenes = [(SceneFacts("room"), root / "sphere.npz")]
+    materials = {"metal": root / "metal.json"}
+    page = reports / "viewer.html"
+    assert write_viewer(page, data=reports / "data", fits=fits, materials=materials, scenes=scenes) == 2
+    return page, pictures
+
+
+@pytest.mark.parametrize("shape", ["sphere", "statue"])
+def test_viewer_agrees_with_the_renderer(tab, rendered, shape):
+    """At least 35 dB over the pixels that the material covers, for a single product and for two."""
+    path, pictures = rendered
+    page = tab.open(path)
+    page.evaluate(f"ATLAS_VIEWER.resize({RENDERED}, {RENDERED})")
+    page.locator("#shape").select_option(shape)
+    for row, model in enumerate(("independent_g", "low_rank_2")):
+        page.evaluate(f"Object.assign(ATLAS_VIEWER.state, {{a: {row}, b: {row}}}); ATLAS_VIEWER.restart()")
+        seen = np.array(page.evaluate("ATLAS_VIEWER.linear(1024)")).reshape(RENDERED, RENDERED, 3)[::-1]
+        render = pictures[model, shape]
+        expected, mask = render.mean, render.mask
+        psnr = 10 * np.log10(expected[mask].max() ** 2 / np.mean((seen[mask] - expected[mask]) ** 2))
+        print(f"{shape}, {model}: {psnr:.1f} dB over {mask.sum()} pixels")
+        assert mask.sum() > 200
+        assert psnr >= 35, model
+    assert tab.faults == []
+
+
 def test_viewer_split_and_controls(tab, viewer):
     """Each half is what the whole picture of its fit is; the view turns by keys; samples add up."""
     path, _environment, _fits = viewer
@@ -150,6 +230,8 @@ def test_viewer_split_and_controls(tab, viewer):
     page.locator("#model-b").select_option("naive")
     assert "No fit of naive to paint" in page.locator("#message").inner_text()
     assert tab.faults == []
+    faults = [v["id"] for v in Axe().run(page).response["violations"] if v["impact"] in ("serious", "critical")]
+    assert faults == [], "an accessibility scan of the working viewer"
 
 
 def test_environment_keeps_its_light():

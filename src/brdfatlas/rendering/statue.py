@@ -15,14 +15,13 @@ def _knot(n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([x, y + 3.95, z], -1), thickness
 
 
-def statue_mesh(resolution: int = 120) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices (n, 3), triangles (m, 3) and unit normals (n, 3), outwards; height 1, standing on y = 0.
+def statue_field(resolution: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """The statue as a field that is about the signed distance to its surface, negative inside.
 
-    ``resolution``: marching cubes along the height.
+    Values (nx, ny, nz) at the points ``low + step * index``, in lengths of the knot; the statue stands on the plane
+    y = 0 and is about 8 high. ``resolution``: points along the height.
     """
-    from scipy.ndimage import map_coordinates
     from scipy.spatial import cKDTree
-    from skimage.measure import marching_cubes
 
     low, high = np.array([-4.3, -0.6, -3.2]), np.array([4.3, 8.2, 3.2])
     step = (high[1] - low[1]) / resolution
@@ -37,7 +36,18 @@ def statue_mesh(resolution: int = 120) -> tuple[np.ndarray, np.ndarray, np.ndarr
     # Smooth union (polynomial), so that the knot grows out of the base.
     blend = 0.9
     h = np.clip(0.5 + 0.5 * (tube - base) / blend, 0, 1)
-    field = tube * (1 - h) + base * h - blend * h * (1 - h)
+    return tube * (1 - h) + base * h - blend * h * (1 - h), low, step
+
+
+def statue_mesh(resolution: int = 120) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices (n, 3), triangles (m, 3) and unit normals (n, 3), outwards; height 1, standing on y = 0.
+
+    ``resolution``: marching cubes along the height.
+    """
+    from scipy.ndimage import map_coordinates
+    from skimage.measure import marching_cubes
+
+    field, low, step = statue_field(resolution)
     vertices, faces, _, _ = marching_cubes(field, 0.0)
     gradient = np.stack([map_coordinates(g, vertices.T, order=1) for g in np.gradient(field)], -1)
     normals = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)

@@ -1,10 +1,12 @@
-"""The interactive viewer's data: factors of the run's fits in one texture, environments as small lat-long maps.
+"""The interactive viewer's data: factors of the run's fits in one texture, environments as small lat-long maps, the
+statue as a field of distances.
 
 Bagher et al. 2016 put the factors of all materials into one "uber-texture" and render straight from it (their Fig. 16
-and appendix); so does this page. A row of ``WIDTH`` texels (rgb, float32) is one fit:
+and appendix); so does this page. A fit is as many rows of ``WIDTH`` texels (rgb, float32) as it has products:
 
-    texels    0 .. 271   D, F, G, rho_d, rho_s as in brdfatlas.uber_texture; G is all 0 for a fit without G. In the
-                         alpha of D the cumulated mass of its cells, to draw samples from
+    texels    0 .. 271   D, F, G, rho_d, rho_s as in brdfatlas.uber_texture, G, rho_d and rho_s in the first row; G is
+                         all 0 for a fit without G. In the alpha of the first D the cumulated mass of its cells, to draw
+                         samples from
     texels  272 .. 451   H at the centres of the phi_d cells (the naive model); 1 for all others
 
 An environment is a lat-long map of constant cells: row j covers polar angles [j, j + 1) pi / h from +y, column i
@@ -32,33 +34,56 @@ H_AT = RHO_S_AT + 1
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
-def is_factored(parameters: Mapping[str, np.ndarray]) -> bool:
-    """True for one-term factor fits, D F G G / (cos cos) or D F H: what the texture can hold."""
-    shapes = {name: np.shape(value) for name, value in parameters.items()}
-    tail = {"g": (3, N_NODES)}, {"h": (3, N_PHI_D)}
-    base = {"rho_d": (3,), "rho_s": (3,), "d": (3, N_THETA_H), "f": (3, N_THETA_D)}
-    return any(shapes == base | extra for extra in tail)
-
-
-def factor_row(parameters: Mapping[str, np.ndarray]) -> np.ndarray:
-    """One fit as a row of the texture, (WIDTH, 4) float32. ValueError for a fit that is not :func:`is_factored`."""
-    if not is_factored(parameters):
-        raise ValueError(f"not a one-term factor fit: {', '.join(parameters)}")
-    row = np.zeros((WIDTH, 4), np.float32)
-    row[D_AT:F_AT, :3] = np.asarray(parameters["d"]).T
-    row[F_AT:G_AT, :3] = np.asarray(parameters["f"]).T
-    row[G_AT:RHO_D_AT, :3] = np.asarray(parameters["g"]).T if "g" in parameters else 0
-    row[H_AT : H_AT + N_PHI_D, :3] = np.asarray(parameters["h"]).T if "h" in parameters else 1
-    row[RHO_D_AT, :3] = parameters["rho_d"]
-    row[RHO_S_AT, :3] = parameters["rho_s"]
-    # The mass of D cos(theta_h) in each cell, and a little everywhere so that no direction is out of reach.
+def factor_rows(parameters: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """One fit as rows of the texture, (products, WIDTH, 4) float32; None for a fit that is no sum of products
+    D F G G / (cos cos) or D F H."""
+    p = {name: np.asarray(value, float) for name, value in parameters.items()}
+    shapes = {name: value.shape for name, value in p.items()}
+    single = {"rho_d": (3,), "rho_s": (3,), "d": (3, N_THETA_H), "f": (3, N_THETA_D)}
+    if shapes in (single | {"g": (3, N_NODES)}, single | {"h": (3, N_PHI_D)}):
+        d, f, rho_s = p["d"][:, None], p["f"][:, None], p["rho_s"]
+    elif shapes.keys() == {"rho_d", "u", "v", "g"} and shapes["u"] == shapes["v"]:
+        d, f, rho_s = p["u"], p["v"], np.ones(3)
+    else:
+        return None
+    rows = np.zeros((d.shape[1], WIDTH, 4), np.float32)
+    rows[:, D_AT:F_AT, :3] = np.moveaxis(d, 0, -1)
+    rows[:, F_AT:G_AT, :3] = np.moveaxis(f, 0, -1)
+    rows[0, G_AT:RHO_D_AT, :3] = p["g"].T if "g" in p else 0
+    rows[0, H_AT : H_AT + N_PHI_D, :3] = p["h"].T if "h" in p else 1
+    rows[0, RHO_D_AT, :3], rows[0, RHO_S_AT, :3] = p["rho_d"], rho_s
+    # The mass of D cos(theta_h) in each cell, and a little everywhere so that no direction is out of reach. Several
+    # products: that of their sum where it is seen most, at theta_d = 0.
     edges = (np.arange(N_THETA_H + 1) / N_THETA_H) ** 2 * (np.pi / 2)
     area = np.diff(np.sin(edges) ** 2)
-    mass = area * (np.asarray(parameters["d"], float).T @ (LUMINANCE * np.asarray(parameters["rho_s"], float)))
+    peak = np.maximum((d * f[:, :, :1]).sum(1), 0) if d.shape[1] > 1 else d[:, 0]
+    mass = area * (peak.T @ (LUMINANCE * rho_s))
     mass = mass / mass.sum() if mass.sum() > 0 else area
     mass = 0.98 * mass + 0.02 * area
-    row[D_AT:F_AT, 3] = np.cumsum(mass) / mass.sum()
-    return row
+    rows[0, D_AT:F_AT, 3] = np.cumsum(mass) / mass.sum()
+    return rows
+
+
+def statue_grid(resolution: int = 64) -> dict[str, Any]:
+    """The statue of the scenes as distances on a grid, 2 high about the origin: counts, corner, step and values
+    (float16, x fastest)."""
+    from brdfatlas.rendering.statue import statue_field
+
+    field, low, step = statue_field(resolution)
+    # Where the surface begins and ends along y, between grid points.
+    columns = np.nonzero((field < 0).any((0, 2)))[0]
+    inside = field[:, columns[0] - 1 : columns[-1] + 2].min((0, 2))
+    bottom = low[1] + step * (columns[0] - 1 + inside[0] / (inside[0] - inside[1]))
+    top = low[1] + step * (columns[-1] + inside[-2] / (inside[-2] - inside[-1]))
+    scale = 2 / (top - bottom)
+    corner = (low - [0, bottom, 0]) * scale - [0, 1, 0]
+    values = np.moveaxis(field * scale, (0, 1, 2), (2, 1, 0))
+    return {
+        "counts": list(field.shape),
+        "low": corner.tolist(),
+        "step": step * scale,
+        "data": encode(values, "<f2"),
+    }
 
 
 def shrink_environment(image: np.ndarray, height: int = 64) -> np.ndarray:
@@ -90,12 +115,14 @@ def encode(array: np.ndarray, dtype: str = "<f4") -> str:
 def viewer_script(
     rows: Sequence[Mapping[str, Any]], texture: np.ndarray, environments: Mapping[str, np.ndarray]
 ) -> str:
-    """``window.ATLAS_VIEWER_DATA``: the texture (rows, WIDTH, 4), what each row is, and the environments."""
+    """``window.ATLAS_VIEWER_DATA``: the texture (rows, WIDTH, 4), the fits with their first row and number of products,
+    the environments and the statue."""
     lights = [
         {"name": name, "height": len(image), "data": encode(np.minimum(image, 65504), "<f2")}
         for name, image in environments.items()
     ]
-    content = {"width": WIDTH, "rows": list(rows), "texture": encode(texture), "environments": lights}
+    content = {"width": WIDTH, "rows": list(rows), "height": len(texture), "texture": encode(texture)}
+    content |= {"environments": lights, "statue": statue_grid() if rows else None}
     return as_script("ATLAS_VIEWER_DATA", content)
 
 
@@ -121,13 +148,15 @@ def write_viewer(
         if read_json(Path(path).with_suffix(".json"))["status"] != "ok":
             continue
         fit = load_fit(path)
-        if not is_factored(fit.parameters):
+        found = factor_rows(fit.parameters)
+        if found is None:
             continue
         facts = described[fit.material]
         label = {"material": fit.material, "title": str(facts.get("title") or fit.material), "model": model}
-        rows.append(label | {"model_title": MODELS[model].title, "standin": bool(facts.get("standin"))})
-        texels.append(factor_row(fit.parameters))
-    texture = np.stack(texels) if texels else np.zeros((1, WIDTH, 4), np.float32)
+        label |= {"model_title": MODELS[model].title, "standin": bool(facts.get("standin"))}
+        rows.append(label | {"first": sum(map(len, texels)), "products": len(found)})
+        texels.append(found)
+    texture = np.concatenate(texels) if texels else np.zeros((1, WIDTH, 4), np.float32)
     environments = {scene.name: shrink_environment(read_npz(path)["environment"]) for scene, path in scenes}
     write_text(Path(data) / "viewer.js", viewer_script(rows, texture, environments))
     tones = {scene.name: {"exposure": scene.exposure, "gamma": scene.gamma} for scene, _ in scenes}

@@ -1,4 +1,5 @@
-// The viewer: factor fits on a sphere under an environment, by Monte Carlo in a fragment shader (WebGL 2).
+// The viewer: factor fits on a sphere or the statue under an environment, by Monte Carlo in a fragment shader (WebGL 2).
+// The sphere is met in closed form, the statue by steps along its field of distances, which also finds its shadows.
 // Each sample draws its light direction from one of three densities (environment, microfacet normals by D, cosine) and
 // divides by their mixture, the balance heuristic with one sample.
 "use strict";
@@ -11,9 +12,10 @@
   if (!gl || !gl.getExtension("EXT_color_buffer_float")) { say("This browser has no WebGL 2 with float textures."); return; }
 
   const RENDER = `#version 300 es
-precision highp float; precision highp int; precision highp sampler2D;
+precision highp float; precision highp int; precision highp sampler2D; precision highp sampler3D;
 uniform sampler2D factors, lights, alias, history;
-uniform ivec2 fit; uniform ivec2 grid; uniform int first, count; uniform float split; uniform vec2 size;
+uniform sampler3D field; uniform vec3 corner; uniform float cell_size; uniform bool statue;
+uniform ivec2 fit, products; uniform ivec2 grid; uniform int first, count; uniform float split; uniform vec2 size;
 uniform mat3 view; uniform float turn;
 out vec4 sum;
 const float PI = 3.14159265358979;
@@ -39,10 +41,11 @@ vec3 shadowing(float c, int y) {
   float below = mix(cos(float(low) * step_), low == 88 ? 0.0 : cos(float(low + 1) * step_), s);
   return mix(row(180 + low, y), row(181 + low, y), s) / max(below, 1e-9);
 }
-vec3 brdf(vec3 wi, vec3 wo, int y) {
+vec3 brdf(vec3 wi, vec3 wo, int y, int count_) {
   vec3 h = normalize(wi + wo);
   float theta_h = atan(length(h.xy), h.z), theta_d = 0.5 * angle(wi, wo);
-  vec3 m = line(0, sqrt(theta_h / (0.5 * PI)) * 90.0 - 0.5, 90, y) * line(90, theta_d / (0.5 * PI) * 90.0 - 0.5, 90, y);
+  vec3 m = vec3(0.0);
+  for (int k = y; k < y + count_; k++) m += line(0, sqrt(theta_h / (0.5 * PI)) * 90.0 - 0.5, 90, k) * line(90, theta_d / (0.5 * PI) * 90.0 - 0.5, 90, k);
   vec3 g0 = row(180, y);
   if (g0.r + g0.g + g0.b > 0.0) m *= shadowing(wi.z, y) * shadowing(wo.z, y);
   else {
@@ -87,18 +90,36 @@ vec3 draw_light() {
   float phi = (float(column) + random()) / float(grid.x) * 2.0 * PI - turn;
   return vec3(sin(phi) * s, c, -cos(phi) * s);
 }
+// The statue: distance at a point, the first point of a ray on it (-1 without one), its normal.
+float apart(vec3 p) { return texture(field, ((p - corner) / cell_size + 0.5) / vec3(textureSize(field, 0))).r; }
+float meet(vec3 o, vec3 d, float start) {
+  vec3 last = corner + cell_size * (vec3(textureSize(field, 0)) - 1.0), a = (corner - o) / d, b = (last - o) / d;
+  vec3 low = min(a, b), high = max(a, b);
+  float t = max(start, max(low.x, max(low.y, low.z))), end = min(high.x, min(high.y, high.z));
+  for (int i = 0; i < 200 && t < end; i++) {
+    float r = apart(o + t * d);
+    if (r < 2e-4) return t;
+    t += max(0.6 * r, 1e-3); // the field grows up to 1.5 times as fast as the distance
+  }
+  return -1.0;
+}
+vec3 upright(vec3 p) {
+  vec2 e = vec2(0.5 * cell_size, 0.0);
+  return normalize(vec3(apart(p + e.xyy) - apart(p - e.xyy), apart(p + e.yxy) - apart(p - e.yxy), apart(p + e.yyx) - apart(p - e.yyx)));
+}
 void main() {
   ivec2 at = ivec2(gl_FragCoord.xy);
   vec4 before = first > 0 ? texelFetch(history, at, 0) : vec4(0.0);
   vec3 total = vec3(0.0);
-  int y = gl_FragCoord.x < split * size.x ? fit.x : fit.y;
+  bool left = gl_FragCoord.x < split * size.x;
+  int y = left ? fit.x : fit.y, terms = left ? products.x : products.y;
   state = mixed(uint(at.x) + mixed(uint(at.y) + mixed(uint(first) + 1u)));
   for (int i = 0; i < count; i++) {
     vec2 p = ((vec2(at) + vec2(random(), random())) / size * 2.0 - 1.0) * tan(radians(21.0) / 2.0);
     vec3 o = view * vec3(0.0, 0.0, 6.0), d = normalize(view * vec3(p, -1.0));
-    float b = dot(o, d), q = b * b - dot(o, o) + 1.0;
-    if (q < 0.0) { total += texelFetch(lights, cell(d), 0).rgb; continue; }
-    vec3 n = normalize(o + (-b - sqrt(q)) * d);
+    float b = dot(o, d), q = b * b - dot(o, o) + 1.0, far = statue ? meet(o, d, 0.0) : q < 0.0 ? -1.0 : -b - sqrt(q);
+    if (far < 0.0) { total += texelFetch(lights, cell(d), 0).rgb; continue; }
+    vec3 place = o + far * d, n = statue ? upright(place) : normalize(place);
     vec3 t = normalize(abs(n.y) < 0.99 ? cross(vec3(0, 1, 0), n) : cross(vec3(1, 0, 0), n)), s = cross(n, t);
     mat3 frame = mat3(t, s, n);
     vec3 wo = -d * frame;
@@ -110,9 +131,10 @@ void main() {
     else { float r = sqrt(random()), a = 2.0 * PI * random(); wi = vec3(r * cos(a), r * sin(a), sqrt(max(0.0, 1.0 - r * r))); }
     if (wi.z <= 0.0) continue;
     vec3 world = frame * wi, h = normalize(wi + wo);
+    if (statue && meet(place + 6e-3 * n, world, 0.0) >= 0.0) continue;
     ivec2 c = cell(world);
     float pdf = 0.5 * texelFetch(alias, c, 0).z + 0.35 * normal_pdf(h, y) / max(4.0 * dot(wo, h), 1e-6) + 0.15 * wi.z / PI;
-    if (pdf > 0.0) total += brdf(wi, wo, y) * texelFetch(lights, c, 0).rgb * (wi.z / pdf);
+    if (pdf > 0.0) total += brdf(wi, wo, y, terms) * texelFetch(lights, c, 0).rgb * (wi.z / pdf);
   }
   sum = before + vec4(total, float(count));
 }`;
@@ -171,13 +193,19 @@ void main() {
     }
     return { name: e.name, width: w, height: h, lights: texture(w, h, rgba), alias: texture(w, h, table) };
   });
-  const factors = texture(D.width, D.rows.length, new Float32Array(bytes(D.texture)));
+  const factors = texture(D.width, D.height, new Float32Array(bytes(D.texture)));
+  const field = gl.createTexture();
+  gl.bindTexture(gl.TEXTURE_3D, field);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 2);
+  gl.texImage3D(gl.TEXTURE_3D, 0, gl.R16F, ...D.statue.counts, 0, gl.RED, gl.HALF_FLOAT, new Uint16Array(bytes(D.statue.data)));
+  for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_3D, key, gl.LINEAR);
+  for (const key of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R]) gl.texParameteri(gl.TEXTURE_3D, key, gl.CLAMP_TO_EDGE);
   const render = program(RENDER), show = program(SHOW);
   gl.bindVertexArray(gl.createVertexArray());
 
   // --- state -------------------------------------------------------------------------------------------------------------
   const TONES = JSON.parse($("tones").textContent);
-  const state = { a: 0, b: 0, environment: 0, split: 0.5, exposure: 0, azimuth: 0, elevation: 0, turn: 0 };
+  const state = { a: 0, b: 0, environment: 0, split: 0.5, shape: "sphere", exposure: 0, azimuth: 0, elevation: 0, turn: 0 };
   let targets = [], samples = 0, budget = 4096, paused = false;
   function resize(width, height) {
     canvas.width = width; canvas.height = height;
@@ -202,7 +230,14 @@ void main() {
     gl.bindFramebuffer(gl.FRAMEBUFFER, to.buffer);
     gl.viewport(0, 0, canvas.width, canvas.height);
     bind(0, factors, render.at("factors")); bind(1, e.lights, render.at("lights")); bind(2, e.alias, render.at("alias")); bind(3, from.texture, render.at("history"));
-    gl.uniform2i(render.at("fit"), state.a, state.b);
+    gl.activeTexture(gl.TEXTURE4);
+    gl.bindTexture(gl.TEXTURE_3D, field);
+    gl.uniform1i(render.at("field"), 4);
+    gl.uniform3fv(render.at("corner"), D.statue.low);
+    gl.uniform1f(render.at("cell_size"), D.statue.step);
+    gl.uniform1i(render.at("statue"), Number(state.shape === "statue"));
+    gl.uniform2i(render.at("fit"), D.rows[state.a].first, D.rows[state.b].first);
+    gl.uniform2i(render.at("products"), D.rows[state.a].products, D.rows[state.b].products);
     gl.uniform2i(render.at("grid"), e.width, e.height);
     gl.uniform1i(render.at("first"), samples);
     gl.uniform1i(render.at("count"), count);
@@ -247,7 +282,7 @@ void main() {
       const found = D.rows.findIndex((r) => r.material === material && r.model === model);
       say(found < 0 ? `No fit of ${model} to ${material} in this run: the picture is unchanged.` : "");
       if (found >= 0) state[side] = found;
-      canvas.setAttribute("aria-label", `Sphere: ${["a", "b"].map((s) => `${D.rows[state[s]].title}, ${D.rows[state[s]].model_title}`).join(" beside ")}; arrow keys turn the view, with Shift the light`);
+      canvas.setAttribute("aria-label", `Picture: ${["a", "b"].map((s) => `${D.rows[state[s]].title}, ${D.rows[state[s]].model_title}`).join(" beside ")}; arrow keys turn the view, with Shift the light`);
       restart();
     };
     $(`material-${side}`).addEventListener("change", choose);
@@ -257,6 +292,7 @@ void main() {
   }
   environments.forEach((e, i) => $("environment").append(option(i, e.name.replaceAll("_", " "))));
   $("environment").addEventListener("change", (e) => { state.environment = Number(e.target.value); restart(); });
+  $("shape").addEventListener("change", (e) => { state.shape = e.target.value; restart(); });
   $("split").addEventListener("input", (e) => { state.split = Number(e.target.value); restart(); });
   $("exposure").addEventListener("input", (e) => { state.exposure = Number(e.target.value); develop(); });
   $("controls").addEventListener("submit", (e) => e.preventDefault());
