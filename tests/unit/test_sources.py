@@ -1,9 +1,12 @@
 """What a result depends on: a model's own file, what it imports, and no other model."""
 
+from pathlib import Path
+
 import pytest
 
 from brdfatlas.models import BUILTIN
-from brdfatlas.pipeline.sources import imports_of, module_path, sources_of
+from brdfatlas.pipeline import sources
+from brdfatlas.pipeline.sources import imports_of, list_sources, module_path, sources_of
 
 #: What a model is made of, as its paper says: a metric changed, or fits that others start from.
 STARTS = {"sgd", "g_from_d"}
@@ -43,3 +46,25 @@ def test_a_model_file_of_a_user(tmp_path):
 def test_an_absent_module_is_an_error():
     with pytest.raises(FileNotFoundError, match=r"brdfatlas\.nothing"):
         sources_of("brdfatlas.nothing")
+
+
+def test_the_list_changes_with_a_file_and_only_then(tmp_path):
+    """What the workflow declares: the same file, untouched, until the content of a source changes."""
+    model = tmp_path / "mine.py"
+    model.write_text("from brdfatlas.models.base import Model\n")
+    listing = Path(list_sources(tmp_path / "lists", str(model), "brdfatlas.fits"))
+    listed = {line.split("\t")[0] for line in listing.read_text().splitlines()}
+    assert listed == set(sources_of(str(model), "brdfatlas.fits"))
+    before = listing.stat().st_mtime_ns, listing.stat().st_ino
+    model.touch()
+    sources._checksum.cache_clear()
+    assert Path(list_sources(tmp_path / "lists", str(model), "brdfatlas.fits")) == listing
+    assert (listing.stat().st_mtime_ns, listing.stat().st_ino) == before
+    model.write_text("from brdfatlas.models.base import Model  # changed\n")
+    sources._checksum.cache_clear()
+    list_sources(tmp_path / "lists", str(model), "brdfatlas.fits")
+    assert listing.stat().st_ino != before[1]
+    other = tmp_path / "elsewhere" / "mine.py"
+    other.parent.mkdir()
+    other.write_text("")
+    assert list_sources(tmp_path / "lists", str(other), "brdfatlas.fits") != str(listing)

@@ -9,7 +9,7 @@ from brdfatlas.pipeline.configuration import choose, read_assets, read_config, r
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.progress import Progress
 from brdfatlas.pipeline.recovery import record_outputs, recover
-from brdfatlas.pipeline.sources import sources_of
+from brdfatlas.pipeline.sources import list_sources, module_path
 from brdfatlas.rendering.scenes import read_scenes
 from brdfatlas.standins import PUBLISHED_MODELS
 from brdfatlas.uber_texture import HEIGHT, MODELS_WITH_FACTORS
@@ -69,8 +69,12 @@ def binary_of(wildcards):
 
 
 def sources(*modules):
-    """Source files that these modules depend on; declared as inputs, so that a changed file reruns what needs it."""
-    return list(sources_of(*modules))
+    """A list of the source files that these modules depend on, with their checksums; declared as an input, so that a
+    changed file reruns what needs it."""
+    try:
+        return list_sources("results/sources", *modules)
+    except OSError as error:
+        raise WorkflowError(f"results/sources: cannot be written ({error.strerror})") from None
 
 
 def first_material_first(wildcards):
@@ -102,7 +106,7 @@ def fit_of(wildcards):
 
 def beside_site(folder):
     """Files of the reports package that are no modules: templates and assets."""
-    package = next(Path(path).parent for path in sources("brdfatlas.reports.site") if path.endswith("reports/site.py"))
+    package = Path(os.path.relpath(module_path("brdfatlas.reports.site").parent))
     return sorted(str(path) for path in (package / folder).iterdir() if not path.name.startswith("."))
 
 

@@ -1,8 +1,11 @@
 """Which source files a result depends on, so that editing a model's file refits that model and nothing else."""
 
 import ast
+import hashlib
 from functools import cache
 from pathlib import Path
+
+from brdfatlas.files import write_text
 
 PACKAGE = "brdfatlas"
 ROOT = Path(__file__).resolve().parent.parent
@@ -60,3 +63,26 @@ def _relative(path: Path) -> str:
         return str(path.relative_to(Path.cwd()))
     except ValueError:
         return str(path)
+
+
+@cache
+def _checksum(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def list_sources(folder: str | Path, *modules: str) -> str:
+    """Path of a file in ``folder`` that lists :func:`sources_of` with their checksums; written anew if one changed.
+
+    Jobs take it as input in place of some twenty files each, which the scheduler would go through for every job that is
+    ready, whenever it starts another.
+    """
+    files = sources_of(*modules)
+    names = [Path(name).stem if name.endswith(".py") else name.removeprefix(f"{PACKAGE}.") for name in modules]
+    # Two models of one's own may have files of one name in different folders.
+    own = "".join(name for name in modules if name.endswith(".py"))
+    names += [hashlib.sha256(own.encode()).hexdigest()[:8]] if own else []
+    path = Path(folder) / f"{'+'.join(names)}.tsv"
+    text = "".join(f"{file}\t{_checksum(file)}\n" for file in files)
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        write_text(path, text)
+    return str(path)
