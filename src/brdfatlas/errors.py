@@ -16,19 +16,20 @@ the reference than the noise can tell; :func:`linear_errors` says what is then r
 
 import logging
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from brdfatlas.files import atomic_path, read_json
+from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
 from brdfatlas.images import Render, load_render, tone_map
 from brdfatlas.measured import Measured, read_merl
 from brdfatlas.models import MODELS
 from brdfatlas.objectives import compressive_weights, cosine_weighted, loew_e2, log_deviation, relative_objective
+from brdfatlas.tsv import write_tsv
 
 IMAGE_MEASURES = (
     "psnr_db",
@@ -42,8 +43,6 @@ IMAGE_MEASURES = (
     "rel_mse",
 )
 BRDF_MEASURES = ("objective_compressive", "loew_e2", "cosine_weighted", "log_deviation")
-#: Columns of tables that hold words, also where a word looks like a number.
-TEXT_COLUMNS = ("material", "model", "other", "scene", "status", "class", "standin", "note", "source")
 #: Names of the two renders of the measured table itself.
 REFERENCE, REFERENCE_AGAIN = "reference", "reference_again"
 #: An estimate of the MSE below this many standard errors is not told apart from zero; PSNR is then a lower bound.
@@ -338,18 +337,3 @@ def errors_job(
     brdf = material_brdf_errors(read_merl(binary), models, fits)
     write_tsv(images_path, images)
     write_tsv(brdf_path, brdf.assign(material=material))
-
-
-def write_tsv(path: str | os.PathLike, table: pd.DataFrame) -> None:
-    """Tab-separated, numbers with 6 significant digits, "nan" and "inf" spelt out; whole or not at all."""
-    with atomic_path(path) as temporary:
-        table.to_csv(temporary, sep="\t", index=False, float_format="%.6g", na_rep="nan", lineterminator="\n")
-
-
-def read_tsv(paths: Iterable[str | os.PathLike] | str | os.PathLike) -> pd.DataFrame:
-    """One table from the files that :func:`write_tsv` wrote; columns of TEXT_COLUMNS stay text, others are numbers."""
-    files = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-    tables = [pd.read_csv(path, sep="\t", dtype=str, na_filter=False) for path in files]
-    table = pd.concat(tables, ignore_index=True)
-    numbers = [name for name in table.columns if name not in TEXT_COLUMNS]
-    return table.assign(**{name: table[name].astype(float) for name in numbers})

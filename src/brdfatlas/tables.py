@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from brdfatlas.errors import BRDF_MEASURES, IMAGE_MEASURES, REFERENCE_AGAIN, read_tsv, write_tsv
+from brdfatlas.errors import BRDF_MEASURES, IMAGE_MEASURES, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.published import published_means, published_names, published_psnr
+from brdfatlas.tsv import read_tsv, write_tsv
 
 CLASSES = ("all", "diffuse", "glossy", "specular")
 #: Two renders whose PSNRs differ by no more are a tie (Bagher et al. 2016, section 6).

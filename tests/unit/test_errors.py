@@ -10,6 +10,7 @@ import pytest
 from brdfatlas import errors
 from brdfatlas.errors import Tone
 from brdfatlas.images import Render, save_render
+from brdfatlas.tsv import read_tsv, write_tsv
 
 TONE = Tone(1.0, 2.2)
 
@@ -271,16 +272,16 @@ def test_a_material_s_table_has_a_row_for_everything_and_failures_do_not_stop_it
     # offset 0.05 for the fit; plain noise of two means of 8 batches, sigma 0.3, for the floor
     assert rows.loc[("good", "one"), "rmse"] == pytest.approx(0.05, rel=0.1)
     assert rows.loc[("reference_again", "one"), "rmse"] == pytest.approx(0.3 / 2, rel=0.1)
-    errors.write_tsv(tmp_path / "errors.tsv", table)
-    again = errors.read_tsv(tmp_path / "errors.tsv")
+    write_tsv(tmp_path / "errors.tsv", table)
+    again = read_tsv(tmp_path / "errors.tsv")
     pd.testing.assert_frame_equal(again, table, rtol=1e-5, check_dtype=False)
 
 
 def test_a_tsv_keeps_infinity_and_nan(tmp_path):
     table = pd.DataFrame({"model": ["a", "b", "nan"], "psnr_db": [np.inf, np.nan, 1.23456789]})
-    errors.write_tsv(tmp_path / "t.tsv", table)
+    write_tsv(tmp_path / "t.tsv", table)
     assert (tmp_path / "t.tsv").read_text() == "model\tpsnr_db\na\tinf\nb\tnan\nnan\t1.23457\n"
-    back = errors.read_tsv(tmp_path / "t.tsv")
+    back = read_tsv(tmp_path / "t.tsv")
     assert back.psnr_db[0] == np.inf
     assert np.isnan(back.psnr_db[1])
     assert back.model[2] == "nan"

@@ -5,8 +5,9 @@ import pandas as pd
 import pytest
 
 from brdfatlas import tables
-from brdfatlas.errors import BRDF_MEASURES, IMAGE_MEASURES, read_tsv, write_tsv
+from brdfatlas.errors import BRDF_MEASURES, IMAGE_MEASURES
 from brdfatlas.files import write_json
+from brdfatlas.tsv import read_tsv, write_tsv
 
 CLASSES = pd.DataFrame(
     {

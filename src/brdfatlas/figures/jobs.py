@@ -4,7 +4,6 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from brdfatlas.errors import read_tsv
 from brdfatlas.figures.factors import plot_convergence, plot_factors, plot_slices, plot_weights
 from brdfatlas.figures.functions import plot_functions
 from brdfatlas.figures.lobes import plot_lobes
@@ -13,6 +12,7 @@ from brdfatlas.files import read_json, write_json
 from brdfatlas.fits import Fit, load_fit
 from brdfatlas.measured import read_merl
 from brdfatlas.models import MODELS
+from brdfatlas.tsv import read_tsv
 
 
 def register(model_files: Mapping[str, str]) -> None:

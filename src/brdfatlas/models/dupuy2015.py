@@ -6,8 +6,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from brdfatlas import microfacet
+from brdfatlas.angles import theta_h_centres
 from brdfatlas.measured import Measured
-from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Result
+from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result
 from brdfatlas.solvers import power_iteration
 
 
@@ -71,3 +73,40 @@ class PowerIterationModel(Model):
             message,
             details,
         )
+
+
+class OneRoughness(PowerIterationModel):
+    """An analytic D with its Smith G1, both of one roughness alpha, which a moment of the tabulated D gives."""
+
+    @staticmethod
+    @abstractmethod
+    def ndf(cosine: np.ndarray, alpha: float) -> np.ndarray:
+        """D in 1/sr at cos theta_h."""
+
+    @staticmethod
+    @abstractmethod
+    def g1(cosine: np.ndarray, alpha: float) -> np.ndarray:
+        """Smith's G1 at the cosine of a direction."""
+
+    @staticmethod
+    @abstractmethod
+    def alpha_of(ndf: np.ndarray) -> float:
+        """alpha from the tabulated D (90,)."""
+
+    def shape(self, ndf: np.ndarray) -> dict[str, np.ndarray]:
+        return {"alpha": np.array([self.alpha_of(ndf)])}
+
+    def evaluate(self, parameters: Parameters, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        alpha = float(parameters["alpha"][0])
+        return microfacet.torrance_sparrow(
+            wi,
+            wo,
+            lambda theta_h: self.ndf(np.cos(theta_h), alpha),
+            parameters["fresnel"],
+            lambda cosine: self.g1(cosine, alpha),
+        )
+
+    def evaluate_grid(self, parameters: Parameters) -> np.ndarray:
+        alpha = float(parameters["alpha"][0])
+        ndf = self.ndf(np.cos(theta_h_centres()), alpha)
+        return microfacet.torrance_sparrow_grid(ndf, parameters["fresnel"], lambda cosine: self.g1(cosine, alpha))

@@ -8,8 +8,9 @@ from typing import Any
 import pandas as pd
 
 from brdfatlas.files import read_json
-from brdfatlas.reports.data import REFERENCE, SceneFacts, model_facts, read_tsv, write_tsv
+from brdfatlas.reports.data import REFERENCE, SceneFacts, model_facts, write_tsv
 from brdfatlas.reports.pages import Picture, find_picture, render_page
+from brdfatlas.tsv import read_tsv
 
 #: Measures of the table of means: key, heading, decimals.
 SHOWN = (("psnr_db", "PSNR (dB)", 1), ("de00_mean", "ΔE00", 2), ("flip_mean", "FLIP", 3))
@@ -70,10 +71,7 @@ def write_ablation(
         raise ValueError("config: ablation.materials: none of them is a material of this run")
     output = Path(output)
     materials = [read_json(path) for path in facts]
-    frames = [
-        split_variants(pd.concat([read_tsv(path) for path in paths], ignore_index=True), variants)
-        for paths in (errors, brdf)
-    ]
+    frames = [split_variants(read_tsv(paths), variants) for paths in (errors, brdf)]
     for path, frame in zip(tables, frames, strict=True):
         write_tsv(path, frame)
     images = frames[0]

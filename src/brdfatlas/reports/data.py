@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from brdfatlas.files import read_json, write_text
+from brdfatlas import tsv
+from brdfatlas.files import read_json
 from brdfatlas.models import MODELS
+from brdfatlas.tsv import read_tsv
 
 FIT_COLUMNS = [
     *("material", "model", "standin", "status", "reason", "seconds", "iterations", "converged"),
@@ -193,19 +195,9 @@ def _range(low: float, high: float) -> str:
     return f"{left} … {right}"
 
 
-def read_tsv(path: str | Path) -> pd.DataFrame:
-    """A tidy table of a run. A material may be called "null" or "NA": only nan and empty cells are missing numbers."""
-    frame = pd.read_csv(
-        path, sep="\t", keep_default_na=False, dtype={"material": str, "model": str, "scene": str, "status": str}
-    )
-    for column in frame.columns.difference(["material", "model", "scene", "status", "reason"]):
-        frame[column] = pd.to_numeric(frame[column].replace({"": None, "nan": None, "NaN": None}))
-    return frame
-
-
 def write_tsv(path: str | Path, frame: pd.DataFrame) -> None:
-    """Write a table, whole or not at all; numbers keep every digit that matters."""
-    write_text(path, frame.to_csv(sep="\t", index=False, na_rep="nan", float_format="%.9g", lineterminator="\n"))
+    """Write a table of the report, numbers with every digit that matters."""
+    tsv.write_tsv(path, frame, digits=9)
 
 
 def read_material(

@@ -8,11 +8,11 @@ from typing import Any
 
 import pandas as pd
 
-from brdfatlas.errors import read_tsv
 from brdfatlas.files import atomic_path
 from brdfatlas.reports.data import NOISE_FLOOR, model_facts
 from brdfatlas.reports.pages import find_picture, render_page
 from brdfatlas.tables import CLASSES, TIE_DB
+from brdfatlas.tsv import read_tsv
 
 #: Columns of the table of classes: measure, heading, decimals, whether more is better.
 SHOWN = (("psnr_db", "PSNR (dB)", 1, True), ("de00_mean", "ΔE00", 2, False), ("flip_mean", "FLIP", 3, False))
