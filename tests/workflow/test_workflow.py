@@ -1,6 +1,7 @@
 """The pipeline as a whole: lint, plan, run, nothing left to do, and exactly what each kind of change reruns."""
 
 import json
+import re
 
 import pytest
 import yaml
@@ -129,6 +130,28 @@ def test_an_option_of_a_model_refits_that_model_only(finished_run):
     finally:
         path.write_text(old)
     assert planned["fit_model"] == 2
+
+
+def test_materials_are_finished_one_after_another(finished_run):
+    """The first page is begun before the second material's errors are: what it needs comes first."""
+    log = min((finished_run.root / ".snakemake" / "log").glob("*.log"))
+    begun = [line.split(": ", 1)[1] for line in log.read_text().splitlines() if re.match(r"Job \d+: ", line)]
+    assert len(begun) > 20, "the log of the whole run"
+    assert begun.index("page of pink-felt") < begun.index("measuring the errors of chrome")
+
+
+def test_snakemakes_own_report_has_the_main_results(finished_run, tmp_path):
+    """With captions, categories and labels; the pictures and tables are in the file."""
+    finished_run.snakemake("--report", str(tmp_path / "report.html"))
+    text = (tmp_path / "report.html").read_text()
+    labels = ["models, means over all materials and scenes", "sorted errors of every model", "lobes of every model"]
+    labels += ["image errors of every model", "wins and ties between models"]
+    for words in [
+        *labels,
+        "Cubic root of the BRDF of chrome",
+        "the reference against itself with other random numbers",
+    ]:
+        assert words in text
 
 
 def test_manifest_says_what_is_needed_to_repeat_the_run(finished_run):

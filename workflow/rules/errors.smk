@@ -7,6 +7,11 @@ RENDERS = expand(
     "results/renders/{{material}}/{model}/{scene}.exr", model=["reference", "reference_again", *MODELS], scene=SCENES
 )
 TABLES = ["errors", "brdf", "summary", "summary_brdf", "wins", "published"]
+STANDINGS_TITLES = {
+    "summary": "means by class of material and scene",
+    "wins": "wins and ties between models",
+    "published": "published means beside ours",
+}
 
 
 rule measure_errors:
@@ -17,7 +22,13 @@ rule measure_errors:
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
         source=sources("brdfatlas.errors"),
     output:
-        images="results/errors/{material}.tsv",
+        images=report(
+            "results/errors/{material}.tsv",
+            caption="../captions/errors.rst",
+            category="Materials",
+            subcategory="{material}",
+            labels={"what": "image errors of every model"},
+        ),
         brdf="results/errors/{material}.brdf.tsv",
     log:
         "results/logs/measure_errors/{material}.log",
@@ -48,7 +59,16 @@ rule tabulate_errors:
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
         source=sources("brdfatlas.tables"),
     output:
-        expand("results/tables/{table}.tsv", table=TABLES),
+        [f"results/tables/{table}.tsv" for table in TABLES if table not in STANDINGS_TITLES],
+        [
+            report(
+                f"results/tables/{table}.tsv",
+                caption="../captions/standings.rst",
+                category="Results",
+                labels={"what": title},
+            )
+            for table, title in STANDINGS_TITLES.items()
+        ],
     log:
         "results/logs/tabulate_errors.log",
     benchmark:

@@ -36,6 +36,8 @@ rule draw_bars:
         "results/logs/draw_bars.log",
     benchmark:
         "results/benchmarks/draw_bars.tsv"
+    # The first page waits for it.
+    priority: 1000
     resources:
         mem_mb=400,
         runtime=5,
@@ -54,7 +56,13 @@ rule draw_figures:
     output:
         # Which functions there are depends on the models: a list stands for them.
         listing="results/figures/{material}.json",
-        lobes="reports/materials/{material}/lobes.svg",
+        lobes=report(
+            "reports/materials/{material}/lobes.svg",
+            caption="../captions/lobes.rst",
+            category="Materials",
+            subcategory="{material}",
+            labels={"what": "lobes of every model"},
+        ),
     log:
         "results/logs/draw_figures/{material}.log",
     benchmark:
@@ -78,7 +86,12 @@ rule draw_summary:
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         source=sources("brdfatlas.figures.jobs"),
     output:
-        "reports/assets/summary.svg",
+        report(
+            "reports/assets/summary.svg",
+            caption="../captions/summary.rst",
+            category="Results",
+            labels={"what": "sorted errors of every model"},
+        ),
     log:
         "results/logs/draw_summary.log",
     benchmark:
