@@ -293,6 +293,8 @@ def test_pdf_has_two_pages_a_material_and_is_reproducible(run):
 
     first = build(run.root / "pdf1")
     assert first.read_bytes() == build(run.root / "pdf2").read_bytes(), "no clock, no chance"
+    parts = sum(path.stat().st_size for path in first.parent.glob("*.pdf") if path != first)
+    assert first.stat().st_size < parts + 60_000, "joining adds overview, contents and numbers, nothing unpacked"
     reader = PdfReader(first)
     assert len(reader.pages) == 2 + 2 * len(run.materials)
     texts = [page.extract_text() for page in reader.pages]

@@ -212,6 +212,7 @@ def write_supplement(
     stamps = PdfReader(io.BytesIO(typeset({"kind": "stamps", "title": TITLE, "count": len(writer.pages)})))
     for page, stamp in zip(writer.pages, stamps.pages, strict=True):
         page.merge_page(stamp)
+        page.compress_content_streams()  # merging leaves them unpacked, ten times as large
     writer.add_outline_item(title="Overview", page_number=0)
     for material, start in zip(materials, starts, strict=True):
         title = material.title + (" (stand-in)" if material.standin else "")
