@@ -2,6 +2,7 @@
 
 import base64
 import io
+import itertools
 import json
 import math
 import re
@@ -29,7 +30,7 @@ from brdfatlas.reports.data import (
 )
 from brdfatlas.reports.index_page import atlas_script, count_wins, findings, run_tables
 from brdfatlas.reports.model_page import strip
-from brdfatlas.reports.pdf import tile_columns, write_material_pdf, write_supplement
+from brdfatlas.reports.pdf import spread, tile_columns, write_material_pdf, write_supplement
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "browser"))
@@ -308,6 +309,16 @@ def test_pdf_has_two_pages_a_material_and_is_reproducible(run):
     assert len(links) == len(run.materials)
     titles = [item.title for item in reader.outline]
     assert len(titles) == 1 + len(run.materials)
+
+
+def test_labels_are_moved_apart_and_no_further():
+    """Order kept, gap kept, mean kept; labels with room stay where they are."""
+    heights = [0.9, 0.52, 0.51, 0.5, 0.1]
+    placed = spread(heights, 0.05)
+    assert all(a - b >= 0.05 - 1e-12 for a, b in itertools.pairwise(placed))
+    assert sum(placed) == pytest.approx(sum(heights))
+    assert spread([0.9, 0.5, 0.1], 0.05) == [0.9, 0.5, 0.1]
+    assert spread([], 0.05) == []
 
 
 @pytest.mark.parametrize("models", [1, 4, 12, 22, 40])

@@ -282,8 +282,8 @@ def overview(
         if standins
         else "",
         "findings": findings(materials, rows),
-        "about": f"{len(materials)} materials, {len(models)} models, {len(scenes)} scenes; brdfatlas "
-        f"{(run.get('versions') or {}).get('brdfatlas', '')}, revision {run.get('revision', 'unknown')}.",
+        "about": f"{len(materials)} materials, {len(models)} models, "
+        f"{len(scenes)} scene{'s' * (len(scenes) != 1)}; brdfatlas {(run.get('versions') or {}).get('brdfatlas', '')}, revision {run.get('revision', 'unknown')}.",
         "pareto": "pareto.svg" if figure else "",
         "table": {"head": ["Model", "Paper", "Storage", "Fit (s)", *(m.label for m in measures)], "rows": cells},
         "remarks": _footnotes(facts),
@@ -291,6 +291,15 @@ def overview(
         "contents": [],
     }
     return data, {"pareto.svg": figure} if figure else {}
+
+
+def spread(heights: Sequence[float], gap: float) -> list[float]:
+    """Descending ``heights`` moved apart to at least ``gap``, about their own middle, in the same order."""
+    placed: list[float] = []
+    for height in heights:
+        placed.append(min(height, placed[-1] - gap) if placed else height)
+    shift = sum(h - p for h, p in zip(heights, placed, strict=True)) / max(len(placed), 1)
+    return [p + shift for p in placed]
 
 
 def pareto_figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
@@ -316,9 +325,18 @@ def pareto_figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
             axes.set_xscale("log")
             front = pareto_front(points, True)
             axes.step(*zip(*(points[name] for name in front), strict=True), where="post", color="0.5", lw=0.8, ls=":")
-            for name, (x, y) in points.items():
-                axes.plot(x, y, "o", ms=4, color="#0072b2", mfc="#0072b2" if name in front else "white")
-                axes.annotate(name.replace("$", r"\$"), (x, y), (4, 2), textcoords="offset points", fontsize=5.5)
+            order = sorted(points, key=lambda name: points[name][1], reverse=True)
+            for name in order:
+                axes.plot(*points[name], "o", ms=4, color="#0072b2", mfc="#0072b2" if name in front else "white")
+            low, high = axes.get_ylim()
+            heights = [(points[name][1] - low) / (high - low) for name in order]
+            # Names stand in a column at the right, each with a line to its point: models lie close together.
+            for name, height in zip(order, spread(heights, 0.043), strict=True):
+                axes.annotate(
+                    name.replace("$", r"\$"), points[name], (1.04, height), textcoords="axes fraction", fontsize=5.5,
+                    va="center", annotation_clip=False, weight="bold" if name in front else "normal",
+                    arrowprops={"arrowstyle": "-", "lw": 0.3, "color": "0.6", "shrinkA": 1, "shrinkB": 2},
+                )  # fmt: skip
             axes.set_xlabel(label)
             axes.set_ylabel("mean PSNR (dB)")
             axes.grid(color="0.92", lw=0.5)
