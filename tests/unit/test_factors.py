@@ -322,6 +322,17 @@ def test_each_switch_is_minimised(options, noisy):
         assert own.report["objective"] == pytest.approx(of(own), rel=1e-5)
 
 
+def test_values_at_the_published_bound_are_told():
+    """A highlight of more than six decades cannot be held by a D that is clamped at 1e-6 of its largest value."""
+    m, g, rho_d = planted()
+    steep = m * np.exp(-np.linspace(0, 20, 90))[:, None]
+    table = grid_microfacet(np.stack([steep] * 3), np.stack([g] * 3), np.full(3, 0 * rho_d))
+    fitted = fit("independent_g", material(table=table, share=0.02), starts="slices")
+    held = (fitted.parameters["d"] <= 1.001e-6).sum()
+    assert held > 10
+    assert fitted.report["message"].startswith(f"{held} of 270 values of D lie at the published lower bound")
+
+
 def test_nothing_runs_away_beyond_a_smaller_range(noisy):
     """No sample beyond 80 degrees is fitted: G / cos stays there what it is at the last node within."""
     cosine = node_cosines()

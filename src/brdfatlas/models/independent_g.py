@@ -8,7 +8,7 @@ import numpy as np
 
 from brdfatlas.angles import theta_d_centres, theta_h_centres
 from brdfatlas.measured import Measured
-from brdfatlas.models.base import FitError, Option
+from brdfatlas.models.base import FitError, Option, Result
 from brdfatlas.models.factors import (
     ITERATIVE,
     TOLERANCE,
@@ -145,6 +145,14 @@ class IndependentG(MicrofacetFactors):
         **ITERATIVE,
         "starts": Option("eight", "the paper's eight starts, or the slices only", ("eight", "slices")),
     }
+
+    def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:
+        result = super().fit(measured, seed=seed, **options)
+        d = result.parameters["d"]
+        held = int((d <= CLAMP * (1 + 1e-3)).sum())
+        if held:
+            result.message = f"{held} of {d.size} values of D lie at the published lower bound, 1e-6 of its largest"
+        return result
 
     def fit_channels(self, measured, weights, seed, options):
         eight = options["starts"] == "eight"

@@ -266,9 +266,12 @@ def _remarks(entries: Sequence[Entry]) -> list[tuple[Entry, str]]:
         if changed:
             told = {option["name"]: option["description"] for option in entry.facts.options} if entry.facts else {}
             remarks += [(entry, f"option {key} = {value}: {told[key]}") for key, value in changed.items()]
-        if entry.fit and entry.fit.get("status") == "ok" and entry.fit.get("converged") is False:
+        if entry.fit and entry.fit.get("status") == "ok":
             why = " ".join(str(entry.fit.get("message") or "").split())
-            remarks.append((entry, f"did not converge{f' ({why})' if why else ''}; its best parameters are shown"))
+            if entry.fit.get("converged") is False:
+                remarks.append((entry, f"did not converge{f' ({why})' if why else ''}; its best parameters are shown"))
+            elif why:
+                remarks.append((entry, why))
     return remarks
 
 

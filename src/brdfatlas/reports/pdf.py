@@ -283,7 +283,8 @@ def overview(
         else "",
         "findings": findings(materials, rows),
         "about": f"{len(materials)} materials, {len(models)} models, "
-        f"{len(scenes)} scene{'s' * (len(scenes) != 1)}; brdfatlas {(run.get('versions') or {}).get('brdfatlas', '')}, revision {run.get('revision', 'unknown')}.",
+        f"{len(scenes)} scene{'s' * (len(scenes) != 1)}; brdfatlas "
+        f"{(run.get('versions') or {}).get('brdfatlas', '')}, revision {run.get('revision', 'unknown')}.",
         "pareto": "pareto.svg" if figure else "",
         "table": {"head": ["Model", "Paper", "Storage", "Fit (s)", *(m.label for m in measures)], "rows": cells},
         "remarks": _footnotes(facts),
