@@ -58,39 +58,38 @@
     const room = (high - low || Math.abs(high) || 1) * 0.08;
     return [low - room, high + room];
   }
+  // Names stand in a column beside the plot, so that none covers a point or another name: room for them, line height,
+  // and rising places at least that far apart, about the middle of the wanted ones where the frame allows it.
+  const NAMES = 232, GAP = 14;
+  function apart(wanted, top, bottom) {
+    const places = [];
+    for (const y of wanted) places.push(places.length ? Math.max(y, places.at(-1) + GAP) : y);
+    const shift = wanted.reduce((sum, y, i) => sum + y - places[i], 0) / (wanted.length || 1);
+    const inside = Math.max(top - (places[0] + shift), Math.min(0, bottom - (places.at(-1) + shift)));
+    return places.map((y) => y + shift + inside);
+  }
   // points: {x, y, name, href, index, text}; front: names on the Pareto line, by rising x.
   function scatter(node, { points, front, xlabel, ylabel, label, ylog }) {
     node.replaceChildren();
     const good = points.filter((p) => Number.isFinite(p.x) && p.x > 0 && Number.isFinite(p.y));
     if (!good.length) { node.textContent = "Nothing to draw: no finite numbers."; return; }
-    const width = 620, height = 380;
-    const box = { width, height, left: 52, right: 92, top: 26, bottom: 40 };
+    const width = 660, height = Math.max(380, GAP * good.length + 70);
+    const box = { width, height, left: 52, right: NAMES, top: 26, bottom: 40 };
     const { svg, sx, sy } = axes({ ...box, x: padded(good.map((p) => p.x), true), y: padded(good.map((p) => p.y), ylog), xlog: true, ylog, xlabel, ylabel, format: short, xformat: short });
     svg.setAttribute("aria-label", label);
     const line = front.map((name) => good.find((p) => p.name === name)).filter(Boolean);
     if (line.length > 1) svg.append(el("path", { class: "front", d: line.map((p, i) => (i ? `H${sx(p.x)}V${sy(p.y)}` : `M${sx(p.x)} ${sy(p.y)}`)).join("") }));
-    // Labels move down or up until none covers another.
-    const placed = [];
-    for (const p of [...good].sort((a, b) => sy(a.y) - sy(b.y))) {
-      const x = sx(p.x), y = sy(p.y), w = p.title.length * 6.3 + 12;
-      const flip = x + w > width;
-      const from = flip ? x - w : x;
-      let best = y + 4;
-      for (const shift of [0, 12, -12, 24, -24, 36, -36, 48, -48, 60]) {
-        const at = y + 4 + shift;
-        if (at < 24 || at > height - box.bottom) continue;
-        if (!placed.some((q) => from < q.x + q.w && q.x < from + w && Math.abs(q.y - at) < 12)) { best = at; break; }
-      }
-      placed.push({ x: from, y: best, w });
-      const { colour } = style(p.index);
-      const on = front.includes(p.name);
+    const order = [...good].sort((a, b) => sy(a.y) - sy(b.y)), beside = width - NAMES + 16;
+    const places = apart(order.map((p) => sy(p.y)), 16, height - box.bottom);
+    order.forEach((p, i) => {
+      const x = sx(p.x), y = sy(p.y), { colour } = style(p.index), on = front.includes(p.name);
       const link = el("a", { href: p.href, "aria-label": p.text });
-      link.append(el("title", {}, p.text));
-      if (Math.abs(best - y - 4) > 1) link.append(el("line", { x1: x, y1: y, x2: flip ? x - 8 : x + 8, y2: best - 4, stroke: colour, "stroke-width": 0.75 }));
-      link.append(el("circle", { cx: x, cy: y, r: on ? 5.5 : 4, fill: on ? colour : "var(--bg)", stroke: colour, "stroke-width": 2 }),
-        el("text", { class: "name", x: flip ? x - 10 : x + 10, "text-anchor": flip ? "end" : "start", y: best, "font-weight": on ? 600 : 400 }, p.title));
+      link.append(el("title", {}, p.text),
+        el("line", { x1: x, y1: y, x2: beside - 4, y2: places[i], stroke: colour, "stroke-width": 0.6, opacity: 0.7 }),
+        el("circle", { cx: x, cy: y, r: on ? 5.5 : 4, fill: on ? colour : "var(--bg)", stroke: colour, "stroke-width": 2 }),
+        el("text", { class: "name", x: beside, y: places[i] + 4, "font-weight": on ? 600 : 400 }, p.title));
       svg.append(link);
-    }
+    });
     node.append(svg);
   }
   // series: {name, title, index, values}; floor: values of the noise floor in the same order, or null.
@@ -99,7 +98,7 @@
     const all = series.flatMap((s) => s.values).filter((v) => Number.isFinite(v) && (!ylog || v > 0));
     if (!all.length) { node.textContent = "Nothing to draw: no finite numbers."; return; }
     const width = 1280, height = 430;
-    const box = { width, height, left: 52, right: 190, top: 26, bottom: 40 };
+    const box = { width, height, left: 52, right: NAMES, top: 26, bottom: 40 };
     const floors = (floor || []).filter((v) => Number.isFinite(v) && (!ylog || v > 0));
     const y = padded(all.concat(floors.length ? [Math.max(...floors), Math.min(...floors)] : []), ylog);
     const step = Math.max(1, Math.ceil(count / 12));
@@ -127,14 +126,12 @@
       ends.push({ s, colour, x: last[0], y: last[1] });
     }
     ends.sort((a, b) => a.y - b.y);
-    let previous = -Infinity;
-    for (const e of ends) {
-      const y1 = Math.max(e.y + 4, previous + 13);
-      previous = y1;
-      svg.append(el("line", { x1: e.x + 2, y1: e.y, x2: width - box.right + 14, y2: y1 - 4, stroke: e.colour, "stroke-width": 0.75 }),
-        el("text", { class: "name", x: width - box.right + 18, y: y1, "data-model": e.s.name }, e.s.title));
-    }
-    if (previous > height) svg.setAttribute("viewBox", `0 0 ${width} ${previous + 8}`);
+    const places = apart(ends.map((e) => e.y), 10, Infinity);
+    ends.forEach((e, i) => {
+      svg.append(el("line", { x1: e.x + 2, y1: e.y, x2: width - box.right + 14, y2: places[i], stroke: e.colour, "stroke-width": 0.75 }),
+        el("text", { class: "name", x: width - box.right + 18, y: places[i] + 4, "data-model": e.s.name }, e.s.title));
+    });
+    if (places.at(-1) > height) svg.setAttribute("viewBox", `0 0 ${width} ${places.at(-1) + 8}`);
     const lit = (name) => {
       node.classList.toggle("dim", Boolean(name));
       svg.querySelectorAll(".line").forEach((p) => p.classList.toggle("on", p.dataset.model === name));
