@@ -43,7 +43,7 @@ def main(files: list[Path] | None = None, scenes: tuple[str, ...] = ("studio_sph
             return main([path], scenes)
     use_variant("llvm_ad_rgb")
     from brdfatlas.rendering.bsdf import reflectance_of
-    from brdfatlas.rendering.integrator import render_batches, set_up
+    from brdfatlas.rendering.integrator import render_batches, set_up, share_lanes
 
     definitions, ratios = read_scenes(), []
     print(f"{'scene':16} {'material':24} {'wall s':>7} {'CPU s':>7}   {'stock CPU s, equal noise':>24} {'faster':>7}")
@@ -52,7 +52,12 @@ def main(files: list[Path] | None = None, scenes: tuple[str, ...] = ("studio_sph
         setup, inside = set_up(scene), scene.mask
         for file in files:
             reflectance = reflectance_of(read_merl(file))
-            wall, cpu, ours = timed(lambda: render_batches(setup, reflectance, SAMPLES, BATCHES, 1))  # noqa: B023
+
+            def render(setup=setup, reflectance=reflectance):
+                lanes = share_lanes(setup, reflectance, SAMPLES, 1)
+                return render_batches(setup, reflectance, SAMPLES, BATCHES, 1, lanes)
+
+            wall, cpu, ours = timed(render)
             _, stock_cpu, stock = timed(lambda: stock_batches(scene, reflectance, STOCK_SAMPLES, BATCHES, 1))  # noqa: B023
             noise = stock[:, inside].var(0, ddof=1).mean() / ours[:, inside].var(0, ddof=1).mean()
             needed = stock_cpu * noise

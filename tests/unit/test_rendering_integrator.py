@@ -9,6 +9,7 @@ import pytest
 import yaml
 from rendering_materials import material, variant, z_limit
 
+from brdfatlas.measured import Measured
 from brdfatlas.rendering.jobs import render_scene, stock_batches
 from brdfatlas.rendering.scenes import SceneError, mitsuba_scene, prepare_scene, read_scenes
 
@@ -83,6 +84,48 @@ def test_noise_cancels_in_differences(sphere):
     brighter = render_scene(sphere, m, 1.01 * m.table, samples=32)
     inside = sphere.mask
     np.testing.assert_allclose(brighter.batches[:, inside], 1.01 * reference.batches[:, inside], rtol=1e-4)
+
+
+def test_a_fit_of_another_shape_is_sampled_as_its_reference(sphere):
+    """Both have one density, so each sample takes the same directions: twice the reference in one half of its
+    theta_h cells and the reference in the other differs by nothing, or by the sample itself, and never by more."""
+    from brdfatlas.rendering.bsdf import reflectance_of
+
+    m = material(0.15)
+    other = m.table.copy()
+    other[12:] *= 2  # the flanks of the lobe: a density of its own would be another one
+    reference, fit = reflectance_of(m), reflectance_of(m, other)
+    for name in ("cosine_weight", "entries", "cells", "runs"):
+        np.testing.assert_array_equal(getattr(fit.density, name), getattr(reference.density, name))
+    first = render_scene(sphere, m, samples=32).batches[:, sphere.mask]
+    second = render_scene(sphere, m, other, samples=32).batches[:, sphere.mask]
+    difference = second - first
+    assert (difference >= -1e-5 * first).all()
+    assert (difference <= first * (1 + 1e-5)).all()
+    assert difference.mean() > 0.05 * first.mean(), "and there is a difference"
+
+
+def test_more_lanes_where_the_noise_is():
+    """Shared out by noise, half as many samples again take more noise from a small highlight than they cost."""
+    from brdfatlas.rendering.bsdf import reflectance_of
+    from brdfatlas.rendering.integrator import MORE_LANES, MOST_LANES, render_batches, set_up, share_lanes
+
+    variant()
+    setup = set_up(prepare_scene("studio_sphere", SCENES["studio_sphere"], 48, samples=16))
+    reference = reflectance_of(material(0.03))
+    lanes = share_lanes(setup, reference, 256, 1)
+    np.testing.assert_array_equal(lanes, share_lanes(setup, reference, 256, 1), "the same for every fit")
+    assert lanes.min() == 1
+    assert 2 < lanes.max() <= MOST_LANES
+    assert lanes.sum() == int(MORE_LANES * len(setup.pixels)), "one number for all materials: one kernel"
+    inside = setup.scene.mask
+    plain, shared = (render_batches(setup, reference, 256, 8, 1, n)[:, inside] for n in (None, lanes))
+    assert shared.var(0, ddof=1).mean() * MORE_LANES < 0.7 * plain.var(0, ddof=1).mean()
+    # Independent of the pictures, so without bias: the means agree within their noise.
+    error = np.sqrt((plain.mean((1, 2)).var(ddof=1) + shared.mean((1, 2)).var(ddof=1)) / 8)
+    assert abs(plain.mean() - shared.mean()) < 5 * error
+    dark = reflectance_of(Measured("dark", 0 * material(0.03).table))
+    assert set(share_lanes(setup, dark, 256, 1)) == {1, 2}
 
 
 def test_batches_are_independent(sphere):

@@ -267,6 +267,7 @@ def bsdf_of(reflectance: Reflectance) -> Any:
     return bsdf_class(mi.variant())(mi.Properties(), reflectance)
 
 
-def reflectance_of(measured: Measured, table: np.ndarray | None = None, density: Density | None = None) -> Reflectance:
+def reflectance_of(measured: Measured, table: np.ndarray | None = None) -> Reflectance:
     """The :class:`Reflectance` of a reference, or of a fit's ``table`` under the reference's mask and density."""
+    density = sampling_density(extend(measured.table, measured.valid))
     return Reflectance(measured.table if table is None else table, measured.valid, density)

@@ -1,9 +1,11 @@
-"""Direct illumination of a measured material, one lane a pixel and batch, the sample loop inside the kernel.
+"""Direct illumination of a measured material, one lane a pixel and batch (more where the noise is), the sample loop
+inside the kernel.
 
 The estimator is that of Mitsuba's ``direct``: one sample of the environment and one of the BSDF at each hit, weighted
 by the power heuristic (Veach and Guibas 1995). Only pixels that show the material are computed; the rest of the picture
 comes from the prepared scene. Sample points are a Sobol' sequence, scrambled per pixel, batch and dimension
 (Owen 1995; hash of Laine and Karras 2011), so batches are independent, and equal for a reference and all its fits.
+So are the lanes: how many a pixel has comes from the noise of a small render of the reference.
 
 Nothing of a scene or a material is a constant of the kernel: there is one kernel for lone spheres and one for scenes
 with several shapes, and Dr.Jit finds them again on disk in later processes.
@@ -20,6 +22,9 @@ from brdfatlas.rendering.bsdf import Reflectance
 from brdfatlas.rendering.scenes import PreparedScene, material_shapes, mitsuba_scene
 
 DIMENSIONS = 8
+#: Lanes a pixel on average and at most, and the small render that shares them out.
+MORE_LANES, MOST_LANES = 1.5, 32
+PILOT_BATCHES, PILOT_SEED = 8, 2_000_003
 LIST_BITS = 19
 
 
@@ -198,25 +203,57 @@ def set_up(scene: PreparedScene) -> Setup:
     return Setup(scene, Environment(scene.environment), pixels, view, sphere, loaded, shapes)
 
 
-def render_batches(setup: Setup, reflectance: Reflectance, samples: int, batches: int, seed: int) -> np.ndarray:
+def share_lanes(setup: Setup, reference: Reflectance, samples: int, seed: int) -> np.ndarray:
+    """How many lanes each of ``setup.pixels`` gets, from a small render of the reference.
+
+    A highlight smaller than a pixel has more noise than all the rest, and sets the peak of the PSNR. There are MORE_LANES
+    lanes a pixel on average, 1 to about MOST_LANES, in proportion to the noise found there or beside it: the least
+    variance for so many samples (Neyman 1934). The small render has a seed of its own, so what it found is independent of
+    the picture.
+    """
+    from scipy.ndimage import maximum_filter
+
+    pilot = max(PILOT_BATCHES * 2, samples // 8)
+    parts = render_batches(setup, reference, pilot, PILOT_BATCHES, seed + PILOT_SEED)
+    spread = parts.max(-1).std(0, ddof=1)
+    noise = np.maximum(maximum_filter(spread, 3).ravel()[setup.pixels].astype(float), 1e-30)
+    # Always as many in all: Dr.Jit compiles its kernel anew for another number of lanes.
+    total = int(MORE_LANES * noise.size)
+    low, high = 0.0, MOST_LANES / noise.min()
+    for _ in range(200):
+        factor = 0.5 * (low + high)
+        low, high = (factor, high) if np.clip(noise * factor, 1, MOST_LANES).sum() <= total else (low, factor)
+    wanted = np.clip(noise * low, 1, MOST_LANES)
+    lanes = wanted.astype(np.int64)
+    lanes[np.argsort(lanes - wanted, kind="stable")[: total - lanes.sum()]] += 1
+    return lanes
+
+
+def render_batches(
+    setup: Setup, reflectance: Reflectance, samples: int, batches: int, seed: int, lanes: np.ndarray | None = None
+) -> np.ndarray:
     """Independent batch means of the material's part of the picture, (batches, size, size, 3) float32.
 
-    ``samples``: a pixel, all batches together, rounded up to a multiple of ``batches``.
+    ``samples``: a lane, all batches together, rounded up to a multiple of ``batches``. ``lanes``: how many lanes each
+    of ``setup.pixels`` has, by default 1; the same for a reference and its fits (:func:`share_lanes`).
     """
     import drjit as dr
     import mitsuba as mi
 
     each = -(-samples // batches)
-    size, n = setup.scene.size, len(setup.pixels)
+    size = setup.scene.size
+    lanes = np.ones(len(setup.pixels), np.int64) if lanes is None else lanes
+    n, first = int(lanes.sum()), np.cumsum(lanes) - lanes
     points = upload(mi.UInt32, _sobol_points(each))
-    pixel = upload(mi.UInt32, np.tile(setup.pixels, batches))
+    pixel = upload(mi.UInt32, np.tile(np.repeat(setup.pixels, lanes), batches))
+    number = upload(mi.UInt32, np.tile(np.arange(n) - np.repeat(first, lanes), batches))
     batch = upload(mi.UInt32, np.repeat(np.arange(batches), n))
     count, width, stream = mi.UInt32(each), mi.UInt32(size), mi.UInt32(seed)
     dr.make_opaque(count, width, stream)
     row = pixel // width
     corner = mi.Point2f(mi.Float(pixel - row * width), mi.Float(row))
     # Two rounds of a block cipher: seeds that differ in one bit are unrelated (Zafar et al. 2010).
-    key, other = mi.sample_tea_32(pixel, batch * 0x9E3779B9 + stream)
+    key, other = mi.sample_tea_32(pixel + number * (width * width), batch * 0x9E3779B9 + stream)
     keys = [key, other]
     for dimension in range(2, DIMENSIONS):
         keys.append(mi.sample_tea_32(key + dimension, other)[0])
@@ -224,6 +261,7 @@ def render_batches(setup: Setup, reflectance: Reflectance, samples: int, batches
     # Scramble seeds stay outside the loop; inside there is one addition and four multiplications a dimension.
     total = _loop(setup, reflectance, points, keys, corner, count, mi.Float(width))
     values = np.array(total / mi.Float(count)).T.reshape(batches, n, 3)
+    values = np.add.reduceat(values, first, axis=1) / lanes[:, None].astype(np.float32)
     result = np.zeros((batches, size * size, 3), np.float32)
     result[:, setup.pixels] = values
     return result.reshape(batches, size, size, 3)

@@ -48,20 +48,29 @@ def render_scene(
     The variant must be set (:func:`brdfatlas.rendering.use_variant`). ``samples`` a pixel, all batches together,
     rounded up to a multiple of ``batches``. Raises SceneError for impossible settings.
     """
-    from brdfatlas.rendering.bsdf import reflectance_of
-
-    return _render(scene, reflectance_of(measured, table), samples, batches, seed)
+    return _render(scene, _reflectances(measured, table), samples, batches, seed)
 
 
-def _render(scene: PreparedScene, reflectance: Any, samples: int, batches: int, seed: int) -> Render:
+def _reflectances(measured: Measured, table: np.ndarray | None) -> tuple[Any, Any]:
+    """The reference, and what is rendered: a fit with the reference's density, or the reference itself."""
+    from brdfatlas.rendering.bsdf import Reflectance, reflectance_of
+
+    reference = reflectance_of(measured)
+    return reference, reference if table is None else Reflectance(table, measured.valid, reference.density)
+
+
+def _render(scene: PreparedScene, reflectances: tuple[Any, Any], samples: int, batches: int, seed: int) -> Render:
     import drjit as dr
     import mitsuba as mi
 
     check_settings(scene.size, samples, batches)
+    reference, reflectance = reflectances
     if dr.is_jit_v(mi.Float):
-        from brdfatlas.rendering.integrator import render_batches, set_up
+        from brdfatlas.rendering.integrator import render_batches, set_up, share_lanes
 
-        parts = render_batches(set_up(scene), reflectance, samples, batches, seed) + scene.background
+        setup = set_up(scene)
+        lanes = share_lanes(setup, reference, samples, seed)
+        parts = render_batches(setup, reflectance, samples, batches, seed, lanes) + scene.background
     else:
         parts = stock_batches(scene, reflectance, samples, batches, seed)
     definition = scene.definition
@@ -191,7 +200,7 @@ def render_job(
     seed = settings["seed"] + (model == "reference_again") * 1_000_003
     labels = {"material": material, "model": model, "standin": str(standin).lower()}
     content = _digest(measured.table if table is None else table, measured.table)
-    reflectance = None
+    reflectances = None
     for name, path in scenes.items():
         scene = load_scene(path)
         samples = (settings.get("scene_samples") or {}).get(name) or settings["samples"]
@@ -207,10 +216,8 @@ def render_job(
             render = Render(black[0], black, scene.mask, {"status": "failed", "scene": name})
         else:
             use_variant(settings["variant"], threads)
-            from brdfatlas.rendering.bsdf import reflectance_of
-
-            reflectance = reflectance or reflectance_of(measured, table)
-            render = _render(scene, reflectance, samples, settings["batches"], seed)
+            reflectances = reflectances or _reflectances(measured, table)
+            render = _render(scene, reflectances, samples, settings["batches"], seed)
         save_render(outputs[name], replace(render, meta=dict(render.meta) | labels))
         print(f"{outputs[name]}: rendered")
 
