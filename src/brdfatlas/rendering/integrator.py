@@ -206,10 +206,10 @@ def set_up(scene: PreparedScene) -> Setup:
 def share_lanes(setup: Setup, reference: Reflectance, samples: int, seed: int) -> np.ndarray:
     """How many lanes each of ``setup.pixels`` gets, from a small render of the reference.
 
-    A highlight smaller than a pixel has more noise than all the rest, and sets the peak of the PSNR. There are MORE_LANES
-    lanes a pixel on average, 1 to about MOST_LANES, in proportion to the noise found there or beside it: the least
-    variance for so many samples (Neyman 1934). The small render has a seed of its own, so what it found is independent of
-    the picture.
+    A highlight smaller than a pixel has more noise than all the rest, and sets the peak of the PSNR. There are
+    MORE_LANES lanes a pixel on average, 1 to about MOST_LANES, in proportion to the noise found there or beside it: the
+    least variance for so many samples (Neyman 1934). The small render has a seed of its own, so what it found is
+    independent of the picture.
     """
     from scipy.ndimage import maximum_filter
 
