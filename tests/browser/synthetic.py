@@ -240,7 +240,7 @@ def make_run(
                         "seconds": float(10 ** rng.uniform(-2, 1.5)),
                         "details": {},
                         "options": {"quirk": "yes"} if place == 0 else {},
-                        "physics": {"reciprocity_error": 1e-7, "max_albedo": 0.9, "bad_cells": 0},
+                        "physics": {"reciprocity_error": 1e-7, "max_albedo": [0.9, 0.7, 0.4], "bad_cells": 0.0},
                         "parameters": {"kd": rng.uniform(0, 1, 3).tolist(), "n": (10 ** rng.uniform(0, 4, 4)).tolist()},
                     }
                 (folder / f"{model}.json").write_text(json.dumps(fit))

@@ -37,6 +37,9 @@ def test_write_model_pages(run_rule, finished_run):
     report = json.loads((finished_run.root / "results/fits/chrome/ggx.json").read_text())
     assert fits.loc["chrome", "objective"] == pytest.approx(report["objective"], rel=1e-8)
     assert fits.loc["chrome", "bad_cells"] == 0
+    albedo = max(report["physics"]["max_albedo"])
+    assert fits.loc["chrome", "max_albedo"] == pytest.approx(albedo, rel=1e-8)
+    assert f"{albedo:.3f}" in page
     assert "Dupuy" in page
 
 

@@ -23,6 +23,7 @@ from brdfatlas.reports.data import (
     MEASURES,
     model_facts,
     pareto_front,
+    physics_of,
     published_table,
     read_tsv,
     score_models,
@@ -326,6 +327,14 @@ def test_all_tiles_fit_one_page(models):
     columns = tile_columns(models + 1, models)
     rows = math.ceil((models + 1) / columns) + math.ceil(models / columns)
     assert rows * (182 / columns + 3.2) <= 225, "A4 less margins, title and headings"
+
+
+def test_physics_of_a_fit_is_the_largest_albedo_and_none_where_it_was_not_checked():
+    checks = {"reciprocity_error": 0.0, "max_albedo": [0.2, 1.1, 0.3], "bad_cells": 0.25}
+    assert physics_of({"physics": checks}) == checks | {"max_albedo": 1.1}
+    nothing = dict.fromkeys(checks)
+    assert physics_of(None) == physics_of({"status": "failed"}) == nothing
+    assert physics_of({"physics": checks | {"max_albedo": [0.2, None, 0.1]}})["max_albedo"] is None, "NaN in JSON"
 
 
 def test_ablation_means_compare_what_both_objectives_have():

@@ -224,11 +224,22 @@ def read_run(files: Mapping[str, Mapping[str, Any]]) -> list[Material]:
     return [read_material(item["facts"], item["fits"], item["errors"], item["brdf"]) for item in files.values()]
 
 
+def physics_of(record: Mapping[str, Any] | None) -> dict[str, float | None]:
+    """The physics checks of a fit's report, None where there are none: reciprocity_error, max_albedo (the largest of
+    the colour channels) and bad_cells, a share."""
+    found = (record or {}).get("physics") or {}
+    albedo = found.get("max_albedo")
+    return {
+        "reciprocity_error": found.get("reciprocity_error"),
+        "max_albedo": max(albedo) if albedo and None not in albedo else None,
+        "bad_cells": found.get("bad_cells"),
+    }
+
+
 def fits_frame(material: Material) -> pd.DataFrame:
     """One row a model: how the fit of this material went and what it violates."""
     rows = []
     for model, record in material.fits.items():
-        physics = record.get("physics") or {}
         rows.append(
             {
                 "material": material.name,
@@ -243,9 +254,7 @@ def fits_frame(material: Material) -> pd.DataFrame:
                 "objective_name": record.get("objective_name", ""),
                 "seed": record.get("seed"),
                 "bytes": record.get("bytes"),
-                "reciprocity_error": physics.get("reciprocity_error"),
-                "max_albedo": physics.get("max_albedo"),
-                "bad_cells": physics.get("bad_cells"),
+                **physics_of(record),
                 "options": "; ".join(f"{key}={value}" for key, value in (record.get("options") or {}).items()),
             }
         )

@@ -21,6 +21,7 @@ from brdfatlas.reports.data import (
     fits_frame,
     model_facts,
     parameters_frame,
+    physics_of,
     published_table,
     read_material,
     score_of,
@@ -74,8 +75,7 @@ class Entry:
 
     @property
     def physics(self) -> Mapping[str, Any]:
-        empty = {"reciprocity_error": None, "max_albedo": None, "bad_cells": None}
-        return {**empty, **((self.fit or {}).get("physics") or {})}
+        return physics_of(self.fit)
 
     @property
     def page(self) -> bool:
