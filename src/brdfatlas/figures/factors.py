@@ -4,6 +4,7 @@ Each function writes one picture; the format follows the path's ending (svg, png
 """
 
 import os
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -48,8 +49,9 @@ def plot_factors(fits: Mapping[str, Fit], path: str | os.PathLike, *, title: str
                     continue
                 for channel, (colour, line) in enumerate(zip(style.RGB, ("-", "--", ":"))):
                     rows = np.atleast_2d(np.asarray(values)[channel])
-                    for curve in rows:
-                        axis.plot(x, curve, color=colour, linestyle=line, label="RGB"[channel])
+                    for number, curve in enumerate(rows):
+                        label_once = "RGB"[channel] if number == 0 else None
+                        axis.plot(x, curve, color=colour, linestyle=line, label=label_once)
                 if symbol == "D":
                     axis.set_xscale("function", functions=(lambda a: np.sqrt(np.maximum(a, 0)), np.square))
                     axis.set_xticks([1, 5, 15, 30, 50, 90])
@@ -90,7 +92,7 @@ def plot_slices(
         figure, axes = pyplot.subplots(
             1,
             len(pictures),
-            figsize=(1.75 * len(pictures) + 0.6, 2.3),
+            figsize=(1.75 * len(pictures) + 0.6, 2.5),
             layout="constrained",
             squeeze=False,
             sharey=True,
@@ -102,7 +104,7 @@ def plot_slices(
                 np.clip(np.swapaxes(picture, 0, 1), 0, 1), origin="lower", extent=(0, 90, 0, 90), aspect="equal",
                 interpolation="nearest",
             )  # fmt: skip
-            axis.set_title(name)
+            axis.set_title(textwrap.fill(name, 18))
             ticks = np.array([1, 10, 30, 60, 90])
             axis.set_xticks(np.sqrt(ticks / 90) * 90, [str(t) for t in ticks])
             axis.set_xlabel(r"$\theta_h$ (degrees)")

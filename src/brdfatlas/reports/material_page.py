@@ -131,6 +131,8 @@ def write_material_page(
 
     functions = _named_pictures(output, pictures, "functions", entries)
     factors = _named_pictures(output, pictures, "factors", entries)
+    convergence = _named_pictures(output, pictures, "convergence", entries)
+    weights = find_picture(output, pictures / "weights.svg")
     lobes = find_picture(output, pictures / "lobes.svg")
     slices = find_picture(output, pictures / "slices.webp")
     sections = [("renders", "Renderings")]
@@ -172,7 +174,13 @@ def write_material_page(
         functions=functions,
         factors=factors,
         slices=slices,
-        extra=other_figures(output, pictures, {"lobes.svg", *(p.href.rsplit("/")[-1] for _, p in functions + factors)}),
+        convergence=convergence,
+        weights=weights,
+        extra=other_figures(
+            output,
+            pictures,
+            {"lobes.svg", "weights.svg", *(p.href.rsplit("/")[-1] for _, p in functions + factors + convergence)},
+        ),
         measures=MEASURES,
         brdf_measures=BRDF_MEASURES,
         published=with_published,
