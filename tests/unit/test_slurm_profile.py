@@ -10,9 +10,11 @@ WORKFLOW = Path(__file__).resolve().parents[2] / "workflow"
 
 def test_every_rule_has_its_memory_in_the_slurm_profile():
     text = "\n".join(path.read_text() for path in sorted((WORKFLOW / "rules").glob("*.smk")))
-    rules = set(re.findall(r"^rule (\w+):", text, re.MULTILINE))
-    local = set(re.findall(r"^    (\w+),$", text.partition("localrules:")[2].partition("\n\n")[0], re.MULTILINE))
-    assert local == {"merl", "assets", "download_merl", "fetch_asset"}
+    rules = set(re.findall(r"^rule (\w+):|^use rule \w+ as (\w+) with:", text, re.MULTILINE))
+    rules = {name for pair in rules for name in pair if name}
+    blocks = [part.partition("\n\n")[0] for part in text.split("localrules:")[1:]]
+    local = set(re.findall(r"^    (\w+),$", "\n".join(blocks), re.MULTILINE))
+    assert local == {"merl", "assets", "download_merl", "fetch_asset", "ablation"}
     profile = yaml.safe_load((WORKFLOW / "profiles" / "slurm" / "config.yaml").read_text())
     assert set(profile["set-resources"]) == rules - local
     for rule, resources in profile["set-resources"].items():

@@ -7,6 +7,10 @@ ABLATION_RENDERS = expand(
 ABLATION_FILES = {item["model"]: item["source"] for item in VARIANTS.values() if item["source"]}
 
 
+localrules:
+    ablation,
+
+
 rule ablation:
     input:
         "reports/ablation.html",
