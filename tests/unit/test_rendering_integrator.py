@@ -105,6 +105,17 @@ def test_a_fit_of_another_shape_is_sampled_as_its_reference(sphere):
     assert difference.mean() > 0.05 * first.mean(), "and there is a difference"
 
 
+def test_sobol_points_are_those_of_scipy():
+    from scipy.stats import qmc
+
+    from brdfatlas.rendering.integrator import DIMENSIONS, sobol_points
+
+    expected = qmc.Sobol(DIMENSIONS, scramble=False, bits=32).random(1024) * 2.0**32
+    np.testing.assert_array_equal(sobol_points(1024), expected.astype(np.uint64))
+    np.testing.assert_array_equal(sobol_points(5), expected[:5].astype(np.uint64))
+    assert sobol_points(1).tolist() == [[0] * DIMENSIONS]
+
+
 def test_more_lanes_where_the_noise_is():
     """Shared out by noise, half as many samples again take more noise from a small highlight than they cost."""
     from brdfatlas.rendering.bsdf import reflectance_of

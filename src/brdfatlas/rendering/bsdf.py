@@ -269,5 +269,5 @@ def bsdf_of(reflectance: Reflectance) -> Any:
 
 def reflectance_of(measured: Measured, table: np.ndarray | None = None) -> Reflectance:
     """The :class:`Reflectance` of a reference, or of a fit's ``table`` under the reference's mask and density."""
-    density = sampling_density(extend(measured.table, measured.valid))
-    return Reflectance(measured.table if table is None else table, measured.valid, density)
+    reference = Reflectance(measured.table, measured.valid)
+    return reference if table is None else Reflectance(table, measured.valid, reference.density)
