@@ -126,9 +126,7 @@ def main(files: list[Path]) -> None:
     for name, values in seconds.items():
         median = statistics.median(values)
         print(f"{name}: median {median:.2f} s CPU over {len(values)} materials (asked 3), most {max(values):.2f} s")
-    print(
-        f"peak memory of this process, plain fits and earlier benchmarks included, {peak:.2f} GB (asked of a fit job: 1)"
-    )
+    print(f"peak memory, plain fits and earlier benchmarks included, {peak:.2f} GB (asked of a fit job: 1)")
     for name, measured, found, spent in ratios:
         plain = plain_sgd if name == "sgd" else plain_single_lobe
         reached, plain_seconds = timed(lambda m=measured, f=found, p=plain: p(m, f))

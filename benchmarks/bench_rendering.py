@@ -65,7 +65,7 @@ def main(files: list[Path] | None = None, scenes: tuple[str, ...] = ("studio_sph
             print(f"{name:16} {file.stem:24} {wall:7.2f} {cpu:7.2f}   {needed:24.1f} {ratios[-1]:6.1f}x", flush=True)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
     print(
-        f"(asked: 4.5 s on 2 idle cores, 2.5x at equal noise, 1.5 GB; peak of this process and all it ran {peak:.2f} GB)"
+        f"(asked: 4.5 s on 2 idle cores, 2.5x at equal noise, 1.5 GB; peak of all that this process ran {peak:.2f} GB)"
     )
     return ratios
 
