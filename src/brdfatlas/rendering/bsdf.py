@@ -59,10 +59,9 @@ class Reflectance:
             self._weight = upload(mi.Float, self.density.cosine_weight)
             self._entries = upload(mi.UInt32, self.density.entries)
 
-    def set_table(self, table: np.ndarray, valid: np.ndarray) -> None:
-        """Exchange the table, keep the density."""
-        replacement = Reflectance(table, valid, self.density)
-        self._table = replacement._table
+    def with_table(self, table: np.ndarray, valid: np.ndarray) -> "Reflectance":
+        """Another table under the same density: a fit beside its reference, whose mask is ``valid``."""
+        return Reflectance(table, valid, self.density)
 
     # One look-up; scalar variants have no gathers, so they index NumPy arrays.
     def _four(self, source: Any, index: Any, active: Any) -> Any:
@@ -270,4 +269,4 @@ def bsdf_of(reflectance: Reflectance) -> Any:
 def reflectance_of(measured: Measured, table: np.ndarray | None = None) -> Reflectance:
     """The :class:`Reflectance` of a reference, or of a fit's ``table`` under the reference's mask and density."""
     reference = Reflectance(measured.table, measured.valid)
-    return reference if table is None else Reflectance(table, measured.valid, reference.density)
+    return reference if table is None else reference.with_table(table, measured.valid)

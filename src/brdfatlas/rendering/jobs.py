@@ -53,10 +53,10 @@ def render_scene(
 
 def _reflectances(measured: Measured, table: np.ndarray | None) -> tuple[Any, Any]:
     """The reference, and what is rendered: a fit with the reference's density, or the reference itself."""
-    from brdfatlas.rendering.bsdf import Reflectance, reflectance_of
+    from brdfatlas.rendering.bsdf import reflectance_of
 
     reference = reflectance_of(measured)
-    return reference, reference if table is None else Reflectance(table, measured.valid, reference.density)
+    return reference, reference if table is None else reference.with_table(table, measured.valid)
 
 
 def _render(scene: PreparedScene, reflectances: tuple[Any, Any], samples: int, batches: int, seed: int) -> Render:
