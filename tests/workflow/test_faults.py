@@ -140,6 +140,8 @@ def test_damaged_intermediates_are_made_again(finished, undisturbed, differences
     for name in damaged:
         path = finished.root / name
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    finished.snakemake("--lint")
+    assert all((finished.root / name).exists() for name in damaged), "who only looks removes nothing"
     done = finished.snakemake(*TARGET, "results/errors/pink-felt.brdf.tsv")
     for name in damaged:
         assert f"{name}: damaged since it was made" in done.stdout

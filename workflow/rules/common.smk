@@ -15,8 +15,9 @@ from brdfatlas.standins import PUBLISHED_MODELS
 from brdfatlas.uber_texture import HEIGHT, MODELS_WITH_FACTORS
 from snakemake.logging import logger
 
-# Only the process that will run jobs mends what an earlier run left, and follows the jobs: no dry run, no job itself.
-STARTING = workflow.is_main_process and not workflow.output_settings.dryrun
+# Only the process that will run jobs mends what an earlier run left, and follows the jobs: no dry run, no job itself,
+# and no --lint, which Snakemake tells from a run only by this.
+STARTING = workflow.is_main_process and not workflow.output_settings.dryrun and workflow.check_envvars
 
 try:
     config = read_config(config)
