@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon
+from brdfatlas.files import read_json
 from brdfatlas.fits import fit, load_fit
-from brdfatlas.measured import Measured
+from brdfatlas.measured import Measured, write_merl
 from brdfatlas.models import MODELS, Registry, load_model_file
-from brdfatlas.models.base import FitError, Model
+from brdfatlas.models.base import FitError, Model, Option
 from brdfatlas.physics import physics_checks
+from brdfatlas.pipeline.jobs import fit_job
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "lambertian.py"
@@ -109,6 +111,61 @@ def test_wrong_options_and_empty_materials_are_named():
         model.check_options({"measure": "area"})
     with pytest.raises(FitError, match="lambertian on empty: no valid cell"):
         model.fit(Measured("empty", np.full((*GRID_SHAPE, 3), np.nan, np.float32)))
+
+
+@pytest.mark.parametrize(
+    ("default", "limits", "good", "bad"),
+    [
+        (True, {}, [True, False], [1, "false", None]),
+        (3, {"low": 1, "high": 8}, [1, 8, np.int64(3)], [0, 9, 2.0, True, "3", float("nan")]),
+        (0.5, {"low": 0.0}, [0, 2.5, np.float32(1)], [-0.1, False, "0.5", float("inf"), [1.0]]),
+        ("text", {}, ["other"], [1, None]),
+        ("auto", {"choices": ("auto", 1, 2)}, ["auto", 1, 2], [True, 3, "1", [1]]),
+    ],
+)
+def test_an_option_takes_values_of_its_kind_only(default, limits, good, bad):
+    option = Option(default, "", **limits)
+    assert [option.fault(value) for value in good] == [""] * len(good)
+    assert all(option.fault(value).startswith("is not ") for value in bad)
+
+
+def test_every_default_is_allowed():
+    for name, model in MODELS.items():
+        assert model.check_options(model.check_options({})) == model.check_options({}), name
+
+
+NAN_AT_GRAZING = """
+import numpy as np
+from brdfatlas.models.base import Model, Paper, Parameter, Result
+
+class Holed(Model):
+    name, title, equations, formula = "holed", "Holed", "", "NaN at grazing half angles"
+    paper = Paper("A B", "C", "D", 2000)
+    parameters = (Parameter("k", (1,), "number"),)
+
+    def fit(self, measured, *, seed=0, **options):
+        return Result({"k": np.ones(1)}, 0.0, "none", 1, True)
+
+    def evaluate(self, parameters, wi, wo):
+        h = (wi + wo) / np.linalg.norm(wi + wo, axis=-1, keepdims=True)
+        return np.where(h[..., 2:] < 0.5, np.nan, np.ones(3))
+"""
+
+
+def test_a_fit_without_a_value_where_the_material_has_one_has_failed(tmp_path):
+    """Its parameters are finite; every picture and every error of it would not be."""
+    (tmp_path / "holed.py").write_text(NAN_AT_GRAZING)
+    write_merl(tmp_path / "constant.binary", constant_material().table)
+    files = [str(tmp_path / name) for name in ("constant.binary", "holed.npz", "holed.json")]
+    try:
+        fit_job("holed", str(tmp_path / "holed.py"), {}, 0, files[0], False, *files[1:])
+    finally:
+        MODELS._files.pop("holed")
+        MODELS._load.cache_clear()
+    report = read_json(files[2])
+    assert report["status"] == "failed"
+    assert re.search(r"holed on constant: NaN or Inf at [\d,]+ measured cells", report["reason"])
+    assert Path(files[1]).read_bytes() == b""
 
 
 def test_the_document_names_what_exists():

@@ -1,8 +1,9 @@
 """What a model is: a paper, its parameters, ``fit`` and ``evaluate``. Everything else works with that alone."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 from typing import Any, ClassVar
 
 import numpy as np
@@ -58,11 +59,35 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Option:
-    """A choice that a fit offers in config/models.yaml."""
+    """A choice that a fit offers in config/models.yaml: one of ``choices`` where there are any, else a value of the
+    default's kind (true or false, a whole number, a number, text), numbers within ``low`` and ``high``.
+
+    ``check`` (value, model, key) raises ValueError for what else is wrong with it.
+    """
 
     default: Any
     description: str
     choices: tuple[Any, ...] = ()
+    low: float = -np.inf
+    high: float = np.inf
+    check: Callable[[Any, str, str], object] | None = None
+
+    def fault(self, value: Any) -> str:
+        """What is wrong with a value, such as "is not a whole number of 1 to 16"; empty if nothing is."""
+        if self.choices:
+            known = any(value == choice and type(value) is not bool for choice in self.choices)
+            return "" if known else f"is not one of {', '.join(map(str, self.choices))}"
+        if isinstance(self.default, bool):
+            return "" if isinstance(value, bool) else "is not true or false"
+        if not isinstance(self.default, Real):
+            return "" if isinstance(value, type(self.default)) else "is not text"
+        whole = isinstance(self.default, Integral)
+        number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
+        if number and np.isfinite(value) and self.low <= value <= self.high:
+            return ""
+        ends = f" of {self.low:g}" if np.isfinite(self.low) else ""
+        ends += (f" to {self.high:g}" if np.isfinite(self.high) else " or more") if ends else ""
+        return f"is not a {'whole ' if whole else ''}number{ends}"
 
 
 @dataclass
@@ -130,7 +155,10 @@ class Model(ABC):
             if key not in self.options:
                 known = ", ".join(self.options) or "none"
                 raise ValueError(f"model {self.name}: unknown option {key!r}; known options: {known}")
-            choices = self.options[key].choices
-            if choices and value not in choices:
-                raise ValueError(f"model {self.name}: {key} = {value!r} is not one of {', '.join(map(str, choices))}")
+            option = self.options[key]
+            fault = option.fault(value)
+            if fault:
+                raise ValueError(f"model {self.name}: {key} = {value!r} {fault}")
+            if option.check:
+                option.check(value, self.name, key)
         return {key: option.default for key, option in self.options.items()} | dict(options)

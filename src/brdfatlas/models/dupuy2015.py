@@ -40,6 +40,7 @@ class PowerIterationModel(Model):
         "iterations": Option(
             power_iteration.ITERATIONS,
             "power iterations (Eq. 25), 4 in the paper; backscatter = forward runs to a fixed point instead",
+            low=1,
         ),
     }
     FRESNEL = Parameter("fresnel", (90, 3), "reflectance at the centres of the 90 theta_d cells, R G B", "", 0.0, 1.0)
@@ -51,13 +52,11 @@ class PowerIterationModel(Model):
     def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:
         """Closed procedure without random numbers. FitError if there is no retro-reflection to start from."""
         chosen = self.check_options(options)
-        steps = chosen["iterations"]
-        if not isinstance(steps, int) or steps < 1:
-            raise ValueError(f"model {self.name}: iterations = {steps!r} is not a whole number above 0")
         try:
             retro, filled = power_iteration.retro_slice(measured.table)
-            found = power_iteration.distribution(retro, backscatter=chosen["backscatter"], iterations=steps)
-            ndf, eigenvalue, changes = found
+            ndf, eigenvalue, changes = power_iteration.distribution(
+                retro, backscatter=chosen["backscatter"], iterations=chosen["iterations"]
+            )
             fresnel = getattr(power_iteration, f"fresnel_{chosen['fresnel']}")(measured.table, ndf)
         except power_iteration.NoDistribution as reason:
             raise FitError(f"{self.name} on {measured.name}: {reason}") from None

@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 
 from brdfatlas.angles import directions, grid_axes
+from brdfatlas.models.base import Option
 
 Coordinates = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -81,3 +82,8 @@ def parse_resolution(text: str, model: str, key: str = "resolution") -> tuple[in
         raise ValueError(f"model {model}: {key} = {text!r} is not THETA_HxPHIxTHETA_O with whole numbers of 2 to 1024")
     n_h, n_p, n_o = (int(part) for part in parts)
     return n_h, n_p, n_o
+
+
+def resolution_option(default: tuple[int, int, int]) -> Option:
+    """The option "resolution", as text such as "90x36x37"."""
+    return Option("x".join(map(str, default)), "nodes along theta_h x phi_h x theta_o", check=parse_resolution)

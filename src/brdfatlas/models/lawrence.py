@@ -12,6 +12,7 @@ from brdfatlas.models.half_outgoing import (
     half_outgoing,
     parse_resolution,
     positions,
+    resolution_option,
     theta_h_nodes,
 )
 from brdfatlas.objectives import MAX_ANGLE
@@ -56,9 +57,9 @@ class Lawrence(Model):
         Parameter("v", (RESOLUTION[1], MOST_TERMS), "v_j along |phi_h - phi_o|, maximum 1", "", 0.0, 1.0),
     )
     options: ClassVar = {
-        "terms": Option("auto", "J: auto (by the class of the material: 4, 2 or 3) or a whole number of 1 to 16"),
-        "inner_terms": Option(1, "K, terms of theta_h and phi_h that share one F, 1 to 8"),
-        "resolution": Option("x".join(map(str, RESOLUTION)), "nodes along theta_h x phi_h x theta_o"),
+        "terms": Option("auto", "J: by the class of the material (4, 2 or 3), or how many", ("auto", *range(1, 17))),
+        "inner_terms": Option(1, "K, terms of theta_h and phi_h that share one F", low=1, high=8),
+        "resolution": resolution_option(RESOLUTION),
     }
 
     def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:
@@ -72,9 +73,6 @@ class Lawrence(Model):
         kind = highlight_class(table)
         if outer == "auto":
             outer = TERMS_OF_CLASS[kind]
-        for key, value, most in (("terms", outer, 16), ("inner_terms", inner, 8)):
-            if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
-                raise ValueError(f"model {self.name}: {key} = {value!r} is not a whole number of 1 to {most}")
         samples = outgoing_samples(measured, table, resolution)
         thin = samples.thinned(5)
         starts = [factorize(thin, start, max_iterations=40) for start in _starts(samples, outer, inner, seed)]

@@ -89,14 +89,17 @@ class LobeModel(Model):
             80.0,
             "compressive only: theta_i, theta_o in degrees within which the metric counts in full; Bagher 2016 has "
             "80 against 89 (Fig. 15)",
+            low=1.0,
+            high=89.0,
         ),
         "grazing": Option(
             0.02,
             "compressive only: weight of the same metric over all angles to 89 degrees, beside 1 for the metric within "
             "max_angle; 1e6 leaves the metric as published",
+            low=0.0,
         ),
-        "starts": Option(192, "how many starts are tried"),
-        "follow": Option(10, "how many of the best starts are followed to their minimum"),
+        "starts": Option(192, "how many starts are tried", low=1),
+        "follow": Option(10, "how many of the best starts are followed to their minimum", low=1),
     }
 
     def fit(

@@ -77,7 +77,7 @@ class SGD(Model):
             "what is minimised: Bagher 2016's compressive metric, Löw 2012's E2, or Ngan 2005's cosine-weighted one",
             tuple(OBJECTIVE_NAMES),
         ),
-        "starts": Option(48, "how many starts are tried in each channel"),
+        "starts": Option(48, "how many starts are tried in each channel", low=1),
     }
 
     def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:

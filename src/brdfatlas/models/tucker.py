@@ -14,6 +14,7 @@ from brdfatlas.models.half_outgoing import (
     parse_resolution,
     phi_nodes,
     positions,
+    resolution_option,
     theta_h_nodes,
     theta_o_nodes,
 )
@@ -67,16 +68,14 @@ class Tucker(Model):
         ),
     )
     options: ClassVar = {
-        "terms": Option(TERMS, "number of rank-one terms"),
-        "resolution": Option("x".join(map(str, RESOLUTION)), "nodes along theta_h x phi_h x theta_o"),
+        "terms": Option(TERMS, "number of rank-one terms", low=1, high=200),
+        "resolution": resolution_option(RESOLUTION),
     }
 
     def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:
         """Fit by residual terms. Deterministic, ``seed`` is not used. FitError without a valid cell."""
         options = self.check_options(options)
         terms = options["terms"]
-        if isinstance(terms, bool) or not isinstance(terms, int) or not 1 <= terms <= 200:
-            raise ValueError(f"model {self.name}: terms = {terms!r} is not a whole number of 1 to 200")
         resolution = parse_resolution(options["resolution"], self.name)
         if not measured.valid.any():
             raise FitError(f"{self.name} on {measured.name}: no valid cell")

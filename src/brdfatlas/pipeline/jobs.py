@@ -14,12 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
 from brdfatlas.diffuseness import diffuseness, material_class
 from brdfatlas.files import write_json
 from brdfatlas.fits import Fit, fit
 from brdfatlas.measured import Measured, read_merl
 from brdfatlas.models import MODELS
+from brdfatlas.models.base import FitError
 from brdfatlas.physics import directional_albedo, physics_checks
 
 #: Faults of the machine, not of the model: they fail the job, and the next run tries again.
@@ -54,7 +56,14 @@ def describe_material_job(binary: str, standin: bool, output: str) -> None:
 
 
 def describe_fit(fitted: Fit, measured: Measured) -> dict[str, Any]:
-    """The report of a fit with its physics checks and those parameters that a person can read; JSON-able."""
+    """The report of a fit with its physics checks and those parameters that a person can read; JSON-able.
+
+    FitError if the fit has no finite value where the material has one: no picture and no error could be made of it.
+    """
+    table = fitted.table()
+    bad = int((~np.isfinite(table[measured.valid]).all(-1)).sum())
+    if bad:
+        raise FitError(f"{fitted.model} on {fitted.material}: NaN or Inf at {bad:,} measured cells")
     small = {name: array for name, array in fitted.parameters.items() if array.size <= 24}
     return {
         "status": "ok",
@@ -64,7 +73,7 @@ def describe_fit(fitted: Fit, measured: Measured) -> dict[str, Any]:
         "standin": fitted.standin,
         "options": dict(fitted.options),
         **fitted.report,
-        "physics": physics_checks(fitted),
+        "physics": physics_checks(fitted, table),
         "parameters": small,
     }
 
@@ -103,7 +112,7 @@ def fit_job(
             "reason": reason,
             "model": model,
             "material": measured.name,
-            "standin": standin,
+            "standin": measured.standin,
             "options": dict(options),
             "seed": seed,
             "seconds": time.perf_counter() - start,
@@ -128,7 +137,19 @@ def revision(root: Path) -> str:
         return "unknown"
 
 
-PACKAGES = ("brdfatlas", "numpy", "scipy", "numba", "mitsuba", "drjit", "colour-science", "flip-evaluator", "snakemake")
+#: Other packages whose versions a report's numbers depend on.
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "pandas",
+    "mitsuba",
+    "drjit",
+    "scikit-image",
+    "flip-evaluator",
+    "OpenEXR",
+    "snakemake",
+)
 
 
 def manifest(
@@ -142,7 +163,8 @@ def manifest(
     described = [json.loads(Path(path).read_text(encoding="utf-8")) for path in descriptions]
     return {
         "revision": revision(Path.cwd()),
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
+        "versions": {"python": platform.python_version(), "brdfatlas": __version__}
+        | {name: version(name) for name in PACKAGES},
         "machine": f"{platform.system()} {platform.machine()}",
         "config": config,
         "models": models,
