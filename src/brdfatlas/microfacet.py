@@ -1,23 +1,15 @@
 """Parts that microfacet models share: normal distributions, masking and shadowing, Fresnel.
 
-Formulas are elementwise numpy expressions that take scalars and arrays alike; most compile with numba unchanged, and
-``compiled`` makes the twin that other compiled code calls. Angles in radians, cosines against the normal
-or the half vector as named. A model of the form F D G / (4 cos cos) is assembled by :func:`torrance_sparrow`.
+Formulas are elementwise numpy expressions that take scalars and arrays alike. Angles in radians, cosines against the
+normal or the half vector as named. A model of the form F D G / (4 cos cos) is assembled by :func:`torrance_sparrow`.
 """
 
 import math
 
 import numpy as np
-from numba import njit
 from scipy.special import erf
 
 from brdfatlas.angles import N_THETA_D, N_THETA_H, half_difference, phi_d_centres, theta_d_centres, theta_h_centres
-
-
-def compiled(function):
-    """The numba twin of an elementwise function."""
-    return njit(cache=True, nogil=True)(function)
-
 
 # Normal distributions -------------------------------------------------------------------------------------------
 

@@ -82,7 +82,7 @@ def compressive_weight(rho: np.ndarray, importance: np.ndarray, power: float = 1
     flat = importance.ravel()
     if not (flat > 0).any():
         raise ValueError("no valid sample within 89 degrees")
-    values = np.where(flat > 0, rho.ravel(), 0).astype(np.float32)
+    values = np.where(flat > 0, rho.ravel(), 0).astype(np.float32) + np.float32(0)  # -0 sorts above all by its bits
     scale = float(np.uint32(_weighted_median(values, flat, values.view(np.uint32))).view(np.float32))
     if scale <= 0:
         scale = float((values * flat).sum() / flat.sum())

@@ -42,6 +42,12 @@ def test_compressive_weight_is_the_papers_formula(table):
         assert weights[cell] == pytest.approx(importance[cell] * (f / x) ** 1.4, rel=1e-5)
 
 
+def test_a_negative_zero_is_a_zero(table):
+    dark = np.where(np.random.default_rng(0).random(table.shape) < 0.4, np.float32(0), table)
+    expected = objectives.compressive_weights(dark)
+    np.testing.assert_array_equal(objectives.compressive_weights(np.where(dark == 0, -dark, dark)), expected)
+
+
 def test_no_compression_at_power_zero_and_in_a_dark_channel(table):
     importance = objectives.importance_weight(above_horizon())
     np.testing.assert_array_equal(objectives.compressive_weights(table, power=0)[..., 0], importance)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -247,6 +248,36 @@ def test_scalar_variant_renders_the_same_picture():
     spread = np.sqrt(scalar[:, inside].var(0, ddof=1) / 4 + ours[:, inside].var(0, ddof=1) / 4)
     assert (abs(scalar.mean(0) - ours.mean(0))[inside] < 12 * spread).all()  # 6 degrees of freedom: heavy tails
     assert scalar[:, inside].mean() == pytest.approx(ours[:, inside].mean(), rel=0.15)
+
+
+def test_scalar_variant_takes_every_seed_and_tells_batches_apart():
+    """The second reference has a seed beyond a million, Mitsuba's are 32 bits."""
+    variant("scalar_rgb")
+    scene = prepare_scene("studio_sphere", SCENES["studio_sphere"], 4, samples=4)
+    once, again = (
+        render_scene(scene, material(0.3), samples=4, batches=2, seed=seed).batches for seed in (1, 1_000_004)
+    )
+    variant()
+    pictures = [batch[scene.mask] for batch in (*once, *again)]
+    assert all((a != b).any() for i, a in enumerate(pictures) for b in pictures[:i])
+
+
+def test_the_unit_of_length_is_free():
+    """A scene a thousand times as large has the same picture, within the rounding of Mitsuba's float32 positions."""
+    definition = deepcopy(SCENES["overcast_statue"])
+    definition["camera"] = {
+        key: [1000.0 * x for x in v] if isinstance(v, list) else v for key, v in definition["camera"].items()
+    }
+    for shape in definition["geometry"]:
+        shape["size"] = 1000.0 * shape["size"]
+        shape["position"] = [1000.0 * x for x in shape["position"]]
+    small, large = (
+        render_scene(prepare_scene("s", item, 16, samples=16), material(0.3), samples=64, batches=2, seed=1)
+        for item in (SCENES["overcast_statue"], definition)
+    )
+    both = small.mask & large.mask
+    assert both.sum() > 0.9 * small.mask.sum() > 0
+    assert large.mean[both].mean() == pytest.approx(small.mean[both].mean(), rel=0.02)
 
 
 def test_impossible_settings_are_refused(sphere):

@@ -5,9 +5,7 @@ Nothing here imports Mitsuba until it is needed, so that a usable libLLVM can be
 
 from types import ModuleType
 
-VARIANTS = ("llvm_ad_rgb", "scalar_rgb", "cuda_ad_rgb")
-
-__all__ = ["VARIANTS", "register", "use_variant"]
+__all__ = ["register", "use_variant"]
 
 
 def use_variant(variant: str = "llvm_ad_rgb", threads: int | None = None) -> ModuleType:

@@ -8,7 +8,6 @@ and its fits then render with the same random paths. Values are trilinear betwee
 
 import os
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,9 +25,9 @@ def load_table(filename: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
 
     Raises ValueError (MeasuredError) with one line that names the file.
     """
-    if Path(filename).suffix == ".npz":
-        from brdfatlas.fits import load_fit
+    from brdfatlas.fits import is_fit_file, load_fit
 
+    if is_fit_file(filename):
         return load_fit(filename).table(), above_horizon()
     measured = read_merl(filename)
     return measured.table, measured.valid

@@ -5,13 +5,14 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from brdfatlas.files import read_json
-from brdfatlas.fits import Fit, load_fit
+from brdfatlas.fits import Fit, is_fit_file, load_fit
 from brdfatlas.images import ImageError, Render, load_render, read_meta, save_render
 from brdfatlas.measured import Measured, read_merl
 from brdfatlas.rendering import use_variant
@@ -29,8 +30,8 @@ from brdfatlas.rendering.scenes import (
 
 HERE = Path(__file__).parent
 #: A change of one of these files makes old renders stale.
-RENDERING_SOURCES = [HERE / f"{name}.py" for name in ("arrays", "bsdf", "density", "integrator", "jobs")] + [
-    HERE.parent / f"{name}.py" for name in ("angles", "measured")
+RENDERING_SOURCES = [HERE / f"{name}.py" for name in ("arrays", "bsdf", "density", "integrator", "jobs", "scenes")] + [
+    HERE.parent / f"{name}.py" for name in ("angles", "images", "measured")
 ]
 
 
@@ -73,15 +74,21 @@ def _render(scene: PreparedScene, reflectances: tuple[Any, Any], samples: int, b
         parts = render_batches(setup, reflectance, samples, batches, seed, lanes) + scene.background
     else:
         parts = stock_batches(scene, reflectance, samples, batches, seed)
-    definition = scene.definition
+    return _with_labels(scene, parts, samples, seed)
+
+
+def _with_labels(scene: PreparedScene, parts: np.ndarray, samples: int, seed: int) -> Render:
+    """A render of batches (n, size, size, 3) that says how it was made."""
+    import mitsuba as mi
+
     meta = {
         "status": "ok",
         "scene": scene.name,
-        "title": definition["title"],
-        "exposure": repr(float(definition["exposure"])),
-        "gamma": repr(float(definition["gamma"])),
-        "samples": str(-(-samples // batches) * batches),
-        "batches": str(batches),
+        "title": scene.definition["title"],
+        "exposure": repr(float(scene.definition["exposure"])),
+        "gamma": repr(float(scene.definition["gamma"])),
+        "samples": str(-(-samples // len(parts)) * len(parts)),
+        "batches": str(len(parts)),
         "seed": str(seed),
         "variant": mi.variant(),
     }
@@ -101,8 +108,9 @@ def stock_batches(
 
     loaded = mi.load_dict(mitsuba_scene(scene, bsdf_of(reflectance), integrator={"type": integrator}))
     each = -(-samples // batches)
-    parts = [np.array(mi.render(loaded, spp=each, seed=seed * 65536 + number), np.float32) for number in range(batches)]
-    return np.stack(parts)
+    # Mitsuba takes 32 bits
+    seeds = [(seed * 65536 + number) % 2**32 for number in range(batches)]
+    return np.stack([np.array(mi.render(loaded, spp=each, seed=number), np.float32) for number in seeds])
 
 
 def render_file(
@@ -130,7 +138,7 @@ def render_file(
         raise SceneError(f"{source}: no scene {scene!r}; it has {', '.join(definitions)}")
     check_settings(size, samples, batches)
     if isinstance(item, str | os.PathLike):
-        item = load_fit(item) if str(item).endswith(".npz") else read_merl(item)
+        item = load_fit(item) if is_fit_file(item) else read_merl(item)
     material = item.material if isinstance(item, Fit) else item.name
     model = item.model if isinstance(item, Fit) else "reference"
     if isinstance(item, Fit):
@@ -143,9 +151,7 @@ def render_file(
         from brdfatlas.rendering.bsdf import reflectance_of
 
         parts = stock_batches(prepared, reflectance_of(item), samples, batches, seed, integrator)
-        meta = {"status": "ok", "scene": scene, "samples": str(samples), "batches": str(batches), "seed": str(seed)}
-        meta |= {key: repr(float(definitions[scene][key])) for key in ("exposure", "gamma")}
-        render = Render(parts.mean(0), parts, prepared.mask, meta)
+        render = _with_labels(prepared, parts, samples, seed)
     notes = {"material": material, "model": model, "integrator": integrator, "standin": str(item.standin).lower()}
     return replace(render, meta=dict(render.meta) | notes)
 
@@ -198,13 +204,13 @@ def render_job(
     failed = report is not None and read_json(report)["status"] != "ok"
     table = None if fit is None or failed else load_fit(fit).table()
     seed = settings["seed"] + (model == "reference_again") * 1_000_003
-    labels = {"material": material, "model": model, "standin": str(standin).lower()}
+    labels = {"material": material, "model": model, "standin": str(measured.standin).lower()}
     content = _digest(measured.table if table is None else table, measured.table)
     reflectances = None
     for name, path in scenes.items():
         scene = load_scene(path)
         samples = (settings.get("scene_samples") or {}).get(name) or settings["samples"]
-        chosen = [samples, settings["batches"], seed, settings["variant"], failed]
+        chosen = [samples, settings["batches"], seed, settings["variant"], failed, *map(version, ("mitsuba", "drjit"))]
         fingerprint = hashlib.sha256(json.dumps([scene.digest(), content, _sources(), chosen]).encode()).hexdigest()
         tone = {key: repr(float(scene.definition[key])) for key in ("exposure", "gamma")}
         labels |= {"fingerprint": fingerprint, "title": scene.definition["title"], **tone}

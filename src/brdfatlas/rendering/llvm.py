@@ -46,7 +46,7 @@ print(*(n.value for n in numbers))
 """
 
 
-class LlvmError(RuntimeError):
+class LlvmError(ValueError):
     """No usable libLLVM; the message is one line that says what to do."""
 
 
