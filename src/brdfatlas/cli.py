@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import brdfatlas
-from brdfatlas.fits import Fit, fit, load_fit
-from brdfatlas.measured import Measured, MeasuredError, extend, read_merl, write_merl
+from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
+from brdfatlas.measured import Measured, MeasuredError, read_merl, write_merl
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import FitError
 
@@ -23,8 +23,8 @@ USER_FAULTS = (MeasuredError, FitError, ValueError, KeyError, ImportError, OSErr
 
 
 def load(path: str) -> Measured | Fit:
-    """A .binary or a fit, by the file's ending."""
-    return load_fit(path) if path.endswith(".npz") else read_merl(path)
+    """A .binary or a fit, whatever the file is."""
+    return load_fit(path) if is_fit_file(path) else read_merl(path)
 
 
 def table_of(item: Measured | Fit) -> np.ndarray:
@@ -45,7 +45,13 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
             "free_parameters": model.free_parameters,
             "bytes": model.bytes,
             "options": {
-                key: {"default": o.default, "choices": list(o.choices), "description": o.description}
+                key: {
+                    "default": o.default,
+                    "choices": list(o.choices),
+                    "low": o.low,
+                    "high": o.high,
+                    "description": o.description,
+                }
                 for key, o in model.options.items()
             },
             "parameters": [
@@ -75,9 +81,10 @@ def info_command(args: argparse.Namespace) -> dict[str, Any]:
     described = describe_material(read_merl(args.file))
     if not args.json:
         low, high = described["range"]
+        note = " (a stand-in)" if described["standin"] else ""
         albedo = ", ".join(f"{value:.4f}" for value in described["albedo"])
         print(
-            f"{args.file}: {described['valid_cells']:,} of {described['cells_above_horizon']:,} cells above the "
+            f"{args.file}{note}: {described['valid_cells']:,} of {described['cells_above_horizon']:,} cells above the "
             f"horizon are valid\nrange {low:.6g} to {high:.6g} 1/sr\nalbedo at 30 degrees (rgb) {albedo}\n"
             f"class {described['class']} (diffuseness {described['diffuseness']:.4g})"
         )
@@ -112,7 +119,8 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
     """Fit a model to a file and save the fit."""
     if args.source:
         MODELS.register_file(args.model, args.source)
-    fitted = fit(args.model, read_merl(args.file), seed=args.seed, **parse_options(args.option))
+    options = MODELS[args.model].check_options(parse_options(args.option))
+    fitted = fit(args.model, read_merl(args.file), seed=args.seed, **options)
     fitted.save(args.output)
     report = {"model": fitted.model, "material": fitted.material, "output": args.output, **fitted.report}
     if not args.json:
@@ -126,18 +134,19 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def table_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put a fit on the MERL grid, for any MERL reader."""
-    write_merl(args.output, load_fit(args.fit).table())
+    fitted = load_fit(args.fit)
+    write_merl(args.output, fitted.table(), standin=fitted.standin)
     if not args.json:
         print(f"{args.output}: {args.fit} on the MERL grid")
     return {"fit": args.fit, "output": args.output}
 
 
 def compare_command(args: argparse.Namespace) -> dict[str, Any]:
-    """BRDF-space measures of B against A; A is the reference where a measure has one."""
+    """BRDF-space measures of B against A, where both have values; A is the reference where a measure has one."""
     from brdfatlas.errors import brdf_errors
 
     reference, other = table_of(load(args.a)), table_of(load(args.b))
-    measures = brdf_errors(extend(other, ~np.isnan(other[..., 0])), reference)
+    measures = brdf_errors(other, np.where(np.isnan(other[..., :1]), np.nan, reference))
     if not args.json:
         for name, value in measures.items():
             print(f"{name:24} {value:.6g}")
@@ -207,11 +216,17 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
     shared = len(reference.batches) == len(image.batches) > 1
     if not shared:
         reference, image = (dataclasses.replace(r, batches=r.mean[None]) for r in (reference, image))
-    errors = image_errors(reference, image, Tone(args.exposure, args.gamma), common_numbers=shared)
+    tone = Tone(
+        float(reference.meta.get("exposure", 1.0)) if args.exposure is None else args.exposure,
+        float(reference.meta.get("gamma", 2.2)) if args.gamma is None else args.gamma,
+    )
+    errors = image_errors(reference, image, tone, common_numbers=shared)
+    # JSON has no infinity: what an infinite standard error says is said in a word.
+    bound = bool(np.isfinite(errors["psnr_db"]) and np.isinf(errors["psnr_se_db"]))
     if not args.json:
         for name, value in errors.items():
-            print(f"{name:24} {value:.6g}")
-    return dict(errors)
+            print(f"{name:24} {value:.6g}" + ("  (a lower bound)" if bound and name == "psnr_db" else ""))
+    return {**errors, "psnr_is_lower_bound": bound, "exposure": tone.exposure, "gamma": tone.gamma}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -257,8 +272,8 @@ def parser() -> argparse.ArgumentParser:
     sub = command("image-errors", image_errors_command)
     sub.add_argument("reference", metavar="REFERENCE.exr")
     sub.add_argument("image", metavar="IMAGE.exr")
-    sub.add_argument("--exposure", type=float, default=1.0)
-    sub.add_argument("--gamma", type=float, default=2.2)
+    sub.add_argument("--exposure", type=float, help="of the tone map; else the reference's own, else 1")
+    sub.add_argument("--gamma", type=float, help="of the tone map; else the reference's own, else 2.2")
     return top
 
 
@@ -268,8 +283,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         result = args.function(args)
     except USER_FAULTS as error:
-        message = error.args[0] if isinstance(error, KeyError) and error.args else error
-        print(f"brdfatlas {args.command}: {str(message).splitlines()[0]}", file=sys.stderr)
+        message = str(error.args[0] if isinstance(error, KeyError) and error.args else error)
+        print(f"brdfatlas {args.command}: {(message or type(error).__name__).splitlines()[0]}", file=sys.stderr)
         return 1
     if args.json:
         from brdfatlas.files import plain

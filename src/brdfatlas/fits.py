@@ -58,6 +58,17 @@ class Fit:
         write_npz(path, meta | options | arrays)
 
 
+def is_fit_file(path: str | os.PathLike) -> bool:
+    """Whether a file is a fit and no ``.binary``: by its ending, else by its first bytes (npz is a zip archive)."""
+    if str(path).endswith(".npz"):
+        return True
+    try:
+        with open(path, "rb") as handle:
+            return handle.read(2) == b"PK"
+    except OSError:
+        return False
+
+
 def load_fit(path: str | os.PathLike) -> Fit:
     """Read a fit. ValueError names the file if it is not one."""
     try:

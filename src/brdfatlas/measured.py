@@ -2,7 +2,8 @@
 
 File format (Matusik et al. 2003): three little-endian int32 (90, 90, 180), then 3 x 1,458,000 float64, planar R, G,
 B. Index = phi_d + 180 (theta_d + 90 theta_h). Stored numbers times (1, 1.15, 1.66) / 1500 are 1/sr; invalid cells
-are negative.
+are negative, by any number. Stand-ins use that: their very last number, below the horizon, is STANDIN_MARK, so that a
+file is known as a stand-in under any name and in any folder.
 """
 
 import os
@@ -20,6 +21,7 @@ N_CELLS = int(np.prod(GRID_SHAPE))
 HEADER_BYTES = 12
 FILE_BYTES = HEADER_BYTES + 3 * N_CELLS * 8
 SCALE = np.array([1.0, 1.15, 1.66]) / 1500.0
+STANDIN_MARK = -5.0
 
 
 class MeasuredError(ValueError):
@@ -93,7 +95,7 @@ def check_header(path: str | os.PathLike) -> None:
 
 
 def read_merl(path: str | os.PathLike, *, standin: bool = False) -> Measured:
-    """Read a MERL ``.binary`` file; the material's name is the file's stem.
+    """Read a MERL ``.binary`` file; the material's name is the file's stem. ``standin``: it is one, marked or not.
 
     Raises MeasuredError (one line, naming the file) for wrong dimensions, a truncated or over-long file, NaN or
     Inf, no valid cell, or what is not a readable regular file.
@@ -112,15 +114,21 @@ def read_merl(path: str | os.PathLike, *, standin: bool = False) -> Measured:
         raise MeasuredError(f"{path}: {bad:,} cells hold NaN or Inf")
     if valid == 0:
         raise MeasuredError(f"{path}: no valid cell, every sample is negative or below the horizon")
+    standin = standin or bool(stored[-1] == STANDIN_MARK)
     return Measured(path.stem, table.reshape(*GRID_SHAPE, 3), standin, path)
 
 
-def write_merl(path: str | os.PathLike, table: np.ndarray) -> None:
-    """Write a (90, 90, 180, 3) table in 1/sr as a MERL file; NaN cells become the format's -1. Whole or not at all."""
+def write_merl(path: str | os.PathLike, table: np.ndarray, *, standin: bool = False) -> None:
+    """Write a (90, 90, 180, 3) table in 1/sr as a MERL file; NaN cells become the format's -1. Whole or not at all.
+
+    ``standin`` marks the file as a stand-in, or made from one.
+    """
     table = np.asarray(table)
     if table.shape != (*GRID_SHAPE, 3):
         raise ValueError(f"{path}: a MERL table has shape {(*GRID_SHAPE, 3)}, not {table.shape}")
     stored = np.where(np.isnan(table), -1.0, table / SCALE)
+    if standin:
+        stored[-1, -1, -1, -1] = STANDIN_MARK
     with atomic_path(path) as temporary, open(temporary, "wb") as handle:
         np.array(GRID_SHAPE, "<i4").tofile(handle)
         np.ascontiguousarray(np.moveaxis(stored, -1, 0), "<f8").tofile(handle)

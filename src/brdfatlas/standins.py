@@ -41,7 +41,7 @@ def make_standin(material: str) -> Measured:
 def write_standin(material: str, path: str | os.PathLike) -> Measured:
     """Write a stand-in as a MERL ``.binary`` file and return it."""
     measured = make_standin(material)
-    write_merl(path, measured.table)
+    write_merl(path, measured.table, standin=True)
     return measured
 
 

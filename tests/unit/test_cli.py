@@ -7,7 +7,7 @@ import pytest
 
 import brdfatlas
 from brdfatlas.cli import main, parse_options
-from brdfatlas.measured import read_merl
+from brdfatlas.measured import read_merl, write_merl
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +49,26 @@ def test_fit_table_compare(capsys, material, tmp_path):
         assert abs(same[name]) < 1e-6 < abs(other[name]), name
 
 
+def test_a_fit_is_a_fit_under_any_name_and_tells_of_its_standin(capsys, material, tmp_path):
+    fitted = tmp_path / "ggx of felt"
+    assert main(["fit", "ggx", str(material), "-o", str(fitted)]) == 0
+    measures = run_json(capsys, "compare", material, fitted)
+    assert main(["table", str(fitted), "-o", str(tmp_path / "ggx.binary")]) == 0
+    assert run_json(capsys, "compare", material, tmp_path / "ggx.binary") == pytest.approx(measures, rel=1e-5)
+    assert read_merl(material).standin
+    assert brdfatlas.load_fit(fitted).standin
+    assert run_json(capsys, "info", tmp_path / "ggx.binary")["standin"]
+
+
+def test_files_are_compared_where_both_were_measured(capsys, material, tmp_path):
+    measured = read_merl(material)
+    holes = measured.table.copy()
+    holes[:30, 40:] = np.nan
+    write_merl(tmp_path / "holes.binary", holes)
+    for pair in ((material, tmp_path / "holes.binary"), (tmp_path / "holes.binary", material)):
+        assert all(value == 0 for value in run_json(capsys, "compare", *pair).values())
+
+
 def test_exports(capsys, material, tmp_path):
     """A fit and its sampler as JSON, and a texture of factors, give back what the fit holds."""
     from brdfatlas.export import import_json
@@ -86,6 +106,21 @@ def test_python_functions_are_the_commands(material):
         (["fit", "ggy", "{m}", "-o", "x.npz"], "unknown model 'ggy'; known: "),
         (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "colour=1"], "colour"),
         (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "colour"], "KEY=VALUE"),
+        (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "seed=1"], "unknown option 'seed'"),
+        (["fit", "naive", "{m}", "-o", "x.npz", "--option", "accelerate=False"], "'False' is not true or false"),
+        (
+            ["fit", "naive", "{m}", "-o", "x.npz", "--option", "power=strong"],
+            "power = 'strong' is not a number of 0",
+        ),
+        (
+            ["fit", "ward", "{m}", "-o", "x.npz", "--option", "starts=0"],
+            "starts = 0 is not a whole number of 1",
+        ),
+        (
+            ["fit", "ward", "{m}", "-o", "x.npz", "--option", "max_angle=95"],
+            "95 is not a number of 1 to 89",
+        ),
+        (["fit", "tucker", "{m}", "-o", "x.npz", "--option", "resolution=9x9"], "resolution = '9x9' is not THETA_H"),
         (["table", "{m}", "-o", "x.binary"], "not a brdfatlas fit"),
         (["table", "absent.npz", "-o", "x.binary"], "absent.npz: no such fit"),
         (["export", "absent.npz", "-o", "x.json"], "absent.npz: no such fit"),
@@ -119,6 +154,28 @@ def test_image_errors_of_foreign_images(capsys, tmp_path):
     assert errors["psnr_db"] == pytest.approx(40, abs=0.01)
     assert errors["rmse"] == pytest.approx(0.01, rel=1e-3)
     assert run_json(capsys, "image-errors", tmp_path / "a.exr", tmp_path / "a.exr")["rmse"] == 0
+
+
+def test_image_errors_use_the_references_tone_map_and_name_a_bound(capsys, tmp_path):
+    """The numbers of the report for the same two files; a model closer than the noise has a bound, not a value."""
+    from brdfatlas.errors import Tone, image_errors
+    from brdfatlas.images import Render, load_render, save_render
+
+    rng = np.random.default_rng(0)
+    parts = (1 + 0.1 * rng.random((4, 16, 16, 3))).astype(np.float32)
+    noise = rng.normal(size=parts.shape).astype(np.float32)
+    for name, batches in (("a", parts), ("near", parts + 1e-3 * noise), ("far", parts * np.float32(0.8))):
+        meta = {"status": "ok", "exposure": "3.0", "gamma": "1.8"}
+        save_render(tmp_path / f"{name}.exr", Render(batches.mean(0), batches, np.ones((16, 16), bool), meta))
+    a, far = (load_render(tmp_path / f"{name}.exr") for name in ("a", "far"))
+    told = run_json(capsys, "image-errors", tmp_path / "a.exr", tmp_path / "far.exr")
+    assert told["de00_mean"] == pytest.approx(image_errors(a, far, Tone(3.0, 1.8))["de00_mean"])
+    assert not told["psnr_is_lower_bound"]
+    other = run_json(capsys, "image-errors", tmp_path / "a.exr", tmp_path / "far.exr", "--exposure", "1")
+    assert other["de00_mean"] != told["de00_mean"]
+    near = run_json(capsys, "image-errors", tmp_path / "a.exr", tmp_path / "near.exr")
+    assert near["psnr_is_lower_bound"]
+    assert near["psnr_se_db"] is None
 
 
 def test_render_writes_the_picture_of_the_file(material, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from brdfatlas.angles import above_horizon, directions, phi_d_centres, theta_d_centres, theta_h_centres
-from brdfatlas.measured import read_merl
+from brdfatlas.measured import read_merl, write_merl
 from brdfatlas.models.cook_torrance import CookTorrance
 from brdfatlas.published import (
     THREE_LOBE,
@@ -116,6 +116,14 @@ def test_standin_survives_its_file(tmp_path):
     assert np.array_equal(read.valid, written.valid)
     # the format stores rho / scale in double precision: one rounding to float32 on the way back
     np.testing.assert_allclose(read.table, written.table, rtol=2e-7)
+
+
+def test_a_standin_is_known_under_any_name_and_a_measurement_is_none(tmp_path):
+    written = write_standin("pvc", tmp_path / "pvc.binary")
+    (tmp_path / "pvc.binary").rename(tmp_path / "mine.binary")
+    assert read_merl(tmp_path / "mine.binary").standin
+    write_merl(tmp_path / "measured.binary", written.table)
+    assert not read_merl(tmp_path / "measured.binary").standin
 
 
 def test_every_name_has_a_standin():
