@@ -235,7 +235,7 @@ def findings(materials: Sequence[Material], rows: Sequence[Mapping[str, Any]]) -
     ranked = sorted(alive, key=lambda row: -row["scores"]["psnr_db"].mean)
     best = ranked[0]
     psnr = best["scores"]["psnr_db"]
-    text = f"{best['title']} comes closest to the references: {_mean_in_words(best)} over "
+    text = f"{best['title']} comes closest to the references: {_mean_in_words(best, 'dB PSNR on average')} over "
     text += f"{psnr.count} picture{'s' if psnr.count > 1 else ''}"
     if best["bytes"] is not None:
         text += f", with {storage(best['bytes'])} a material"
@@ -268,11 +268,11 @@ def findings(materials: Sequence[Material], rows: Sequence[Mapping[str, Any]]) -
     return text + "."
 
 
-def _mean_in_words(row: Mapping[str, Any]) -> str:
+def _mean_in_words(row: Mapping[str, Any], unit: str = "dB") -> str:
     psnr = row["scores"]["psnr_db"]
     if math.isinf(psnr.mean):
         return "no finite mean PSNR, equal to the reference on some picture"
-    return f"{'at least ' if math.isinf(psnr.error) else ''}{psnr.mean:.1f} dB PSNR on average"
+    return f"{'at least ' if math.isinf(psnr.error) else ''}{psnr.mean:.1f} {unit}"
 
 
 def _mean_over(material: Material, models: Sequence[str]) -> float:
