@@ -352,6 +352,20 @@ def test_pdf_has_two_pages_a_material_and_is_reproducible(run):
     assert len(titles) == 1 + len(run.materials)
 
 
+def test_pdf_shows_every_function_and_factor_on_its_two_pages(tmp_path):
+    models = toy_models(tmp_path / "toys", 11)
+    made = make_run(tmp_path, ["pvc"], models, ("studio",), size=24)
+    folder = tmp_path / "reports/materials/pvc"
+    for model in models:
+        (folder / f"functions-{model}.svg").write_bytes((folder / "lobes.svg").read_bytes())
+    page = tmp_path / "pvc.pdf"
+    write_material_pdf(page, **made.of("pvc"), assets=tmp_path, models=models, scenes=made.scenes)
+    pages = PdfReader(page).pages
+    assert len(pages) == 2
+    drawn = pages[1].extract_text().split("Numbers")[0]
+    assert all(MODELS[model].title in drawn for model in models)
+
+
 def test_labels_are_moved_apart_and_no_further():
     """Order kept, gap kept, mean kept; labels with room stay where they are."""
     heights = [0.9, 0.52, 0.51, 0.5, 0.1]
