@@ -13,6 +13,7 @@ import pandas as pd
 from brdfatlas.errors import BRDF_MEASURES, IMAGE_MEASURES, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.published import published_means, published_names, published_psnr
+from brdfatlas.ranking import count_missing, subtract, told_apart
 from brdfatlas.tsv import read_tsv, write_tsv
 
 CLASSES = ("all", "diffuse", "glossy", "specular")
@@ -46,26 +47,33 @@ def _groups(table: pd.DataFrame, classes: Sequence[str] = CLASSES) -> Iterable[t
 def summarise(errors: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
     """Mean and median of every image measure per model, for each class of material and each scene and over all.
 
-    Columns: model, class, scene ("all" or a name), count (renders that could be judged), failed, bounds (PSNRs that
-    are lower bounds, the error being below the noise), standins (judged renders of built-in stand-ins), then
-    {measure}_mean and {measure}_median. One infinite PSNR makes a mean infinite; the median stands beside it.
+    Columns: model, class, scene ("all" or a name), materials and how many of them are standins (built in, whatever
+    became of their renders), count (renders that could be judged), failed, missing (renders that another model has
+    and this one lacks: its means are over fewer), bounds (PSNRs that are lower bounds, the error being below the
+    noise), then {measure}_mean and {measure}_median. One infinite PSNR makes a mean infinite; the median stands
+    beside it.
     """
     table = errors.merge(classes, on="material", how="left", validate="many_to_one")
-    rows = []
+    found = {}
     scenes = ["all", *dict.fromkeys(table["scene"])]
-    for model in _order(table["model"], models):
-        for class_name, members in _groups(table[table["model"] == model]):
-            for scene in scenes if len(scenes) > 2 else scenes[:1]:
-                part = members if scene == "all" else members[members["scene"] == scene]
-                good = part[part["status"] == "ok"]
-                row: dict[str, object] = {"model": model, "class": class_name, "scene": scene, "count": len(good)}
-                row["failed"] = len(part) - len(good)
+    order = _order(table["model"], models)
+    for class_name, members in _groups(table):
+        for scene in scenes if len(scenes) > 2 else scenes[:1]:
+            pictures = members if scene == "all" else members[members["scene"] == scene]
+            missing = count_missing(pictures, [name for name in order if name != REFERENCE_AGAIN])
+            for model in order:
+                part = pictures[pictures["model"] == model]
+                if part.empty:
+                    continue
+                good, materials = part[part["status"] == "ok"], part.drop_duplicates("material")
+                row: dict[str, object] = {"model": model, "class": class_name, "scene": scene}
+                row |= {"materials": len(materials), "standins": int(materials["standin"].sum())}
+                row |= {"count": len(good), "failed": len(part) - len(good), "missing": missing.get(model, 0)}
                 row["bounds"] = int(np.isinf(good["psnr_se_db"]).sum())
-                row["standins"] = int(good["standin"].sum())
                 for measure in AVERAGED:
                     row[f"{measure}_mean"], row[f"{measure}_median"] = good[measure].mean(), good[measure].median()
-                rows.append(row)
-    return pd.DataFrame(rows)
+                found[model, class_name, scene] = row
+    return pd.DataFrame([row for model in order for key, row in found.items() if key[0] == model])
 
 
 def summarise_brdf(brdf: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
@@ -88,29 +96,46 @@ def count_wins(
 ) -> pd.DataFrame:
     """Wins, ties and losses in PSNR of every model against every other, per class, as in Bagher et al. 2016.
 
-    Columns: model, other, class, count, wins, ties, losses, mean_difference_db. A render counts where both models
-    have one; a PSNR more than ``tie_db`` above the other's wins. Two infinite PSNRs tie; where only one is infinite
-    the mean difference is infinite too.
+    Columns: model, other, class, count, wins, ties, losses, materials, mean_difference_db, se_difference_db. A render
+    counts where both models have one; a PSNR more than ``tie_db`` above the other's wins if the noise tells the two
+    apart (:func:`brdfatlas.ranking.told_apart`; two infinite PSNRs tie). The mean difference is over materials, each
+    averaged over its scenes first, with the standard error of that mean by the spread over materials; a difference to
+    a lower bound below counts as 0. It is infinite where one PSNR is.
     """
     good = errors[errors["status"] == "ok"].merge(classes, on="material", how="left", validate="many_to_one")
     rows = []
     for class_name, members in _groups(good):
-        psnr = members.pivot(index=["material", "scene"], columns="model", values="psnr_db")
+        psnr, errors_of = (
+            members.pivot(index=["material", "scene"], columns="model", values=column)
+            for column in ("psnr_db", "psnr_se_db")
+        )
         present = [model for model in models if model in psnr]
         for model in present:
             for other in present:
                 if model == other:
                     continue
-                pair = psnr[[model, other]].dropna()
-                a, b = pair[model].to_numpy(), pair[other].to_numpy()
-                with np.errstate(invalid="ignore"):
-                    difference = np.where(a == b, 0.0, a - b)
-                wins, losses = int((difference > tie_db).sum()), int((difference < -tie_db).sum())
-                mean = float(difference.mean()) if len(pair) else float("nan")
-                row = (model, other, class_name, len(pair), wins, len(pair) - wins - losses, losses, mean)
-                rows.append(row)
-    columns = ["model", "other", "class", "count", "wins", "ties", "losses", "mean_difference_db"]
-    return pd.DataFrame(rows, columns=columns)
+                both = psnr[[model, other]].notna().all(axis=1)
+                a, b = psnr.loc[both, model].to_numpy(), psnr.loc[both, other].to_numpy()
+                a_error, b_error = errors_of.loc[both, model].to_numpy(), errors_of.loc[both, other].to_numpy()
+                apart, difference = told_apart(a, a_error, b, b_error), subtract(a, b)
+                difference = np.where(np.isinf(np.where(a < b, a_error, b_error)), 0.0, difference)
+                wins, losses = int((apart & (difference > tie_db)).sum()), int((apart & (difference < -tie_db)).sum())
+                materials = psnr.index[both].get_level_values("material")
+                row = (model, other, class_name, len(a), wins, len(a) - wins - losses, losses)
+                rows.append((*row, *_over_materials(difference, materials)))
+    columns = ["model", "other", "class", "count", "wins", "ties", "losses"]
+    return pd.DataFrame(rows, columns=[*columns, "materials", "mean_difference_db", "se_difference_db"])
+
+
+def _over_materials(values: np.ndarray, materials: pd.Index) -> tuple[int, float, float]:
+    """(materials, mean of their means, its standard error by their spread; NaN for one material alone)."""
+    means = pd.Series(values).groupby(np.asarray(materials)).mean().to_numpy()
+    count = len(means)
+    if count == 0:
+        return 0, float("nan"), float("nan")
+    mean = float(means.mean())
+    spread = float(means.std(ddof=1) / np.sqrt(count)) if count > 1 and np.isfinite(mean) else float("nan")
+    return count, mean, spread
 
 
 def beside_published(errors: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:

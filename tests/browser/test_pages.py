@@ -131,6 +131,24 @@ def test_index_heat_map_sorts_marks_and_filters(tab, site):
     assert marked == [min(numbers)], "small is good for dE00"
 
 
+def test_index_says_that_nothing_matches_and_what_is_not_told_apart(tab, site):
+    page = tab.open(site.reports / "index.html")
+    page.locator("#query").fill("no such material")
+    assert page.locator("#heat-bar").inner_text() == "Nothing matches."
+    assert page.locator("#heat tr").count() == 0
+    page.locator("#query").fill("")
+    page.locator("#scene").select_option("grove")
+    best = page.locator("#heat td.best").count()
+    assert best == page.evaluate("ATLAS.best.filter((place) => place >= ATLAS.materials.length * 8).length"), (
+        "the second scene: 7 models and the noise floor a material"
+    )
+    page.locator("#measure").select_option("rel_mse")
+    texts = page.locator("#heat td a").all_inner_texts()
+    assert texts
+    assert not any(re.fullmatch(r"[●\s]*0\.?0*", text) for text in texts), "an error that is not 0 never reads as 0"
+    assert tab.faults == []
+
+
 def test_index_charts_agree_with_the_table(tab, site):
     page = tab.open(site.reports / "index.html")
     assert page.locator("#pareto-bytes svg a").count() == len(site.models)
@@ -241,6 +259,48 @@ def test_compare_zoom_pan_and_pixel_values(tab, site):
     page.goto(saved)
     assert shown(page) == "toy_02"
     assert address(page) == saved, "the address holds the whole state"
+
+
+def test_compare_works_without_a_pointer(tab, site):
+    """Divider, pan and pixel values by keys alone."""
+    import numpy as np
+    from PIL import Image
+
+    from brdfatlas.pictures import decode_hdr
+
+    page = tab.open(site.reports / "compare.html", "#m=pvc&s=grove&b=toy_02&v=swipe&z=4")
+    half = drawn(page)
+    divider = page.get_by_label("Divider")
+    divider.focus()
+    for _ in range(20):
+        page.keyboard.press("ArrowRight")
+    assert "w=0.7" in address(page)
+    assert page.locator("#divided").inner_text() == "70 %"
+    assert drawn(page) != half
+    divider.blur()
+    page.keyboard.press(",")
+    assert "w=0.65" in address(page)
+    page.locator("#view").select_option("flip")
+    assert not divider.is_visible(), "only a swipe has a divider"
+    page.get_by_role("button", name="Keys").focus()
+    while page.evaluate("document.activeElement.id") != "canvas":
+        page.keyboard.press("Tab")
+    shown(page)
+    column, row = map(int, re.match(r"x (\d+)  y (\d+)", page.locator("#pixel").inner_text()).groups())
+    page.keyboard.press("Shift+ArrowRight")
+    page.keyboard.press("Shift+ArrowRight")
+    page.keyboard.press("Shift+ArrowUp")
+    assert {"x=0.55", "y=0.475"} <= set(address(page).split("&")), "a tenth of what is seen a step"
+    assert "m=pvc" in address(page), "the material stays"
+    shown(page)
+    lines = page.locator("#pixel").inner_text().splitlines()
+    x, y = map(int, re.match(r"x (\d+)  y (\d+)", lines[0]).groups())
+    assert x > column
+    assert y < row
+    with Image.open(site.reports / "materials/pvc/grove-toy_02-hdr.webp") as picture:
+        expected = decode_hdr(np.asarray(picture))[y, x]
+    assert [float(word) for word in lines[2].split()[-3:]] == pytest.approx(expected.tolist(), rel=1e-3)
+    assert serious_faults(page) == []
 
 
 def test_compare_side_by_side_swipe_and_error_map(tab, site):

@@ -18,6 +18,7 @@ from pypdf import PdfReader
 
 from brdfatlas.models import MODELS
 from brdfatlas.pictures import decode_hdr
+from brdfatlas.ranking import best_rows
 from brdfatlas.reports import formats
 from brdfatlas.reports.data import (
     MEASURES,
@@ -29,7 +30,7 @@ from brdfatlas.reports.data import (
     score_models,
     write_tsv,
 )
-from brdfatlas.reports.index_page import atlas_script, count_wins, findings, run_tables
+from brdfatlas.reports.index_page import atlas_script, findings, run_tables
 from brdfatlas.reports.model_page import strip
 from brdfatlas.reports.pdf import spread, tile_columns, write_material_pdf, write_supplement
 
@@ -89,11 +90,6 @@ def test_scores_are_means_with_the_error_of_the_mean():
     assert formats.with_error(60.0, math.inf) == "≥ 60.0"
 
 
-def test_wins_count_pictures_and_ties_count_for_all():
-    rows = [("a", m, s, "ok", p, 0.1) for s in "st" for m, p in (("x", 30.0), ("y", 30.0 if s == "s" else 20.0))]
-    assert count_wins(errors_table(rows), ["x", "y"]) == {"x": 2, "y": 1}
-
-
 def test_pareto_front_is_what_brute_force_finds():
     rng = np.random.default_rng(1)
     for higher in (True, False):
@@ -116,6 +112,8 @@ def test_pareto_front_is_what_brute_force_finds():
 def test_numbers_for_people(value, shown):
     assert formats.number(value) == shown
     assert formats.digits(-1.26, 1) == "−1.3"
+    assert formats.digits(3.2e-6, None) == "3.20 · 10⁻⁶", "an error that is not 0 never reads as 0"
+    assert formats.error(1e-5) == "< 0.001"
     assert formats.storage(3264) == "3.26 kB"
 
 
@@ -233,15 +231,55 @@ def test_a_page_needs_its_own_material_only(tmp_path):
     assert "second" in Tags(made.write_material("first")).text
 
 
-def test_findings_name_the_best_model(run):
+def test_findings_name_the_best_model_of_those_that_have_every_picture(run):
+    """toy_03 has the highest mean, over the easier pictures: it lost a material."""
     materials = run.read()
     rows, tables = run_tables({}, materials, [model_facts(name) for name in run.models])
-    means = tables["errors"].query("status == 'ok' and model != 'reference_again'").groupby("model")["psnr_db"].mean()
+    errors = tables["errors"].query("status == 'ok' and model != 'reference_again'")
+    means = errors.groupby("model")["psnr_db"].mean()
+    assert means.idxmax() == "toy_03"
+    means = means.drop("toy_03")
     text = findings(materials, rows)
     assert text.startswith(f"{MODELS[means.idxmax()].title} comes closest")
     assert f"{means.max():.1f} dB" in text
+    assert text.endswith("fewer pictures: Toy 3.")
     best = [row["name"] for row in rows if row["best"].get("psnr_db")]
     assert best == [means.idxmax()]
+    assert [row["missing"] for row in rows] == [0, 0, 0, len(run.scenes), 0]
+
+
+def test_findings_have_words_for_an_infinite_mean_and_for_a_bound(run):
+    materials = run.read()
+    for material in materials:
+        at = material.errors.index[material.errors["model"] == "toy_00"]
+        material.errors.loc[at, ["psnr_db", "psnr_se_db"]] = (math.inf, 0.0)
+    rows, _ = run_tables({}, materials, [model_facts(name) for name in run.models])
+    text = findings(materials, rows)
+    assert text.startswith("Toy <b>0</b> comes closest to the references: no finite mean PSNR")
+    assert not re.search(r"\b(inf|nan)\b", text)
+    for material in materials:
+        at = material.errors.index[material.errors["model"] == "toy_00"]
+        material.errors.loc[at, ["psnr_db", "psnr_se_db"]] = (90.0, math.inf)
+    rows, _ = run_tables({}, materials, [model_facts(name) for name in run.models])
+    assert "at least 90.0 dB" in findings(materials, rows)
+
+
+def test_storage_is_what_the_fits_store(tmp_path):
+    """A model of variable size: the median of the run, each material's own on the charts, failed fits left out."""
+    made = make_run(tmp_path, ["chrome", "nylon", "pvc", "felt"], ["lawrence"], ("studio",), pictures=False)
+    for material, stored in (("chrome", 3072), ("nylon", 1536), ("pvc", 2304)):
+        path = tmp_path / f"results/fits/{material}/lawrence.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"bytes": stored}))
+    path = tmp_path / "results/fits/felt/lawrence.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"status": "failed", "bytes": 9999}))
+    materials, facts = made.read(), [model_facts("lawrence")]
+    rows, tables = run_tables({}, materials, facts)
+    assert rows[0]["bytes"] == tables["models"]["bytes"][0] == 2304
+    assert math.isnan(tables["models"]["free_parameters"].astype(float)[0]), "the material decides"
+    script = atlas_script(materials, facts, made.scenes)
+    atlas = json.loads(script.removeprefix("window.ATLAS=").rstrip(";\n"))
+    assert atlas["bytes"] == [[3072], [1536], [2304], [None]]
+    assert "1 536 to 3 072 bytes in this run" in Tags(made.write_model("lawrence")).text
 
 
 def test_script_of_the_index_holds_every_number(run):
@@ -258,6 +296,8 @@ def test_script_of_the_index_holds_every_number(run):
                     expected = rows.loc[(scene.name, model), measure.key]
                     assert value == pytest.approx(expected, rel=1e-3) if value is not None else math.isnan(expected)
     assert "<" not in script
+    best = best_rows(pd.concat(material.errors for material in materials), run.models)
+    assert len(atlas["best"]) == len(best) >= len(run.scenes) * len(materials)
 
 
 def test_linear_light_travels_as_a_script(run):
@@ -310,6 +350,20 @@ def test_pdf_has_two_pages_a_material_and_is_reproducible(run):
     assert len(links) == len(run.materials)
     titles = [item.title for item in reader.outline]
     assert len(titles) == 1 + len(run.materials)
+
+
+def test_pdf_shows_every_function_and_factor_on_its_two_pages(tmp_path):
+    models = toy_models(tmp_path / "toys", 11)
+    made = make_run(tmp_path, ["pvc"], models, ("studio",), size=24)
+    folder = tmp_path / "reports/materials/pvc"
+    for model in models:
+        (folder / f"functions-{model}.svg").write_bytes((folder / "lobes.svg").read_bytes())
+    page = tmp_path / "pvc.pdf"
+    write_material_pdf(page, **made.of("pvc"), assets=tmp_path, models=models, scenes=made.scenes)
+    pages = PdfReader(page).pages
+    assert len(pages) == 2
+    drawn = pages[1].extract_text().split("Numbers")[0]
+    assert all(MODELS[model].title in drawn for model in models)
 
 
 def test_labels_are_moved_apart_and_no_further():

@@ -13,7 +13,7 @@ from brdfatlas.files import read_json, write_json
 from brdfatlas.fits import Fit, fit
 from brdfatlas.measured import read_merl, write_merl
 from brdfatlas.models import MODELS as REGISTRY
-from brdfatlas.reports.standings_page import class_rows, duel_rows, write_standings
+from brdfatlas.reports.standings_page import class_rows, duel_rows, scene_rows, write_standings
 from brdfatlas.tsv import write_tsv
 
 CLASSES = pd.DataFrame(
@@ -67,7 +67,45 @@ def test_duels_are_antisymmetric(errors):
             if i != j:
                 assert cells[a][j]["wins"] == cells[b][i]["losses"]
                 assert cells[a][j]["balance"] == -cells[b][i]["balance"]
-    assert cells["ggx"][0] == {"count": 2, "wins": 1, "ties": 1, "losses": 0, "balance": 0.5, "difference": 2.0}
+    expected = {"count": 2, "wins": 1, "ties": 1, "losses": 0, "balance": 0.5, "difference": 2.0, "apart": False}
+    assert cells["ggx"][0] == expected | {"error": pytest.approx(3.0)}, "5 and -1 dB: 2 +- 3"
+
+
+def test_a_model_that_lost_a_picture_is_never_marked_best():
+    """gaussian has the highest mean, over the easier material alone."""
+    errors = made_up({"tabulated": (40.0, 50.0), "ggx": (45.0, 49.0), "gaussian": (60.0, np.nan)})
+    summary = tables.summarise(errors, CLASSES, MODELS)
+    best = {row["model"]: row["cells"][0]["best"] for row in class_rows(summary, MODELS)[0]["rows"]}
+    assert best == {"tabulated": False, "ggx": True, "gaussian": False}
+    best = {row["model"]: row["cells"][-1]["best"] for row in scene_rows(summary, MODELS)["rows"]}
+    assert best == {"tabulated": False, "ggx": True, "gaussian": False}
+
+
+def test_every_scene_has_its_own_order():
+    one = made_up({"tabulated": (40.0, 50.0), "ggx": (45.0, 49.0), "reference_again": (80.0, 80.0)})
+    other = made_up({"tabulated": (60.0, 60.0), "ggx": (20.0, 20.0), "reference_again": (80.0, 80.0)})
+    summary = tables.summarise(pd.concat([one, other.assign(scene="hall")]), CLASSES, MODELS)
+    found = scene_rows(summary, MODELS)
+    assert found["names"] == ["room", "hall"]
+    rows = {row["model"]: row["cells"] for row in found["rows"]}
+    assert [cell["value"] for cell in rows["tabulated"]] == [45, 60, 52.5]
+    assert [cell["best"] for cell in rows["tabulated"]] == [False, True, True]
+    assert [cell["best"] for cell in rows["ggx"]] == [True, False, False]
+    assert not any(cell["best"] for cell in rows["reference_again"])
+    assert scene_rows(tables.summarise(one, CLASSES, MODELS), MODELS)["names"] == []
+
+
+def test_the_banner_of_standins_needs_no_render(errors, tmp_path):
+    """Whatever fails, stand-ins are told: they are counted from the descriptions of the materials."""
+    gone = errors.assign(status="failed", **dict.fromkeys(IMAGE_MEASURES, np.nan))
+    summary = tables.summarise(gone, CLASSES.assign(standin=[True, False]), MODELS)
+    write_tsv(tmp_path / "t" / "summary.tsv", summary)
+    write_tsv(tmp_path / "t" / "summary_brdf.tsv", summary)
+    write_tsv(tmp_path / "t" / "wins.tsv", tables.count_wins(errors, CLASSES, MODELS))
+    write_tsv(tmp_path / "t" / "published.tsv", tables.beside_published(errors, CLASSES, MODELS))
+    page = tmp_path / "standings.html"
+    write_standings(page, tables=tmp_path / "t", data=tmp_path, figure=tmp_path / "none.svg", models=MODELS)
+    assert "1 of 2 materials are stand-ins" in page.read_text()
 
 
 def test_the_page_shows_the_tables_and_copies_them(errors, tmp_path):

@@ -24,7 +24,7 @@ def errors_of(psnr: dict[tuple[str, str, str], float]) -> pd.DataFrame:
     rows = []
     for (material, model, scene), value in psnr.items():
         row = {"material": material, "model": model, "scene": scene, "status": "failed" if value is None else "ok"}
-        row |= dict.fromkeys(IMAGE_MEASURES, np.nan if value is None else 1.0)
+        row |= dict.fromkeys(IMAGE_MEASURES, np.nan if value is None else 1.0) | {"psnr_se_db": 0.1}
         rows.append(row | {"psnr_db": np.nan if value is None else value})
     return pd.DataFrame(rows)
 
@@ -55,7 +55,8 @@ def test_means_and_medians_over_what_could_be_judged(errors):
     everything = summary.loc[("ward", "all", "all")]
     assert everything["count"] == 5
     assert everything["failed"] == 1
-    assert everything["standins"] == 3
+    assert (everything["materials"], everything["standins"]) == (3, 2)
+    assert (everything["missing"], summary.loc[("tucker", "all", "all"), "missing"]) == (1, 0)
     assert everything["psnr_db_mean"] == pytest.approx((30 + 40 + 50 + 20 + 20) / 5)
     assert everything["psnr_db_median"] == 30
     assert summary.loc[("ward", "specular", "all"), "psnr_db_mean"] == 35
@@ -84,6 +85,7 @@ def test_wins_and_ties_as_counted_by_hand(errors):
     specular = wins.loc[("tucker", "ward", "specular")]
     assert (specular["wins"], specular["ties"], specular["losses"]) == (1, 1, 0)
     assert specular["mean_difference_db"] == pytest.approx((2 + 2.1) / 2)
+    assert np.isnan(specular["se_difference_db"]), "one material has no spread"
     assert "reference_again" not in wins.index.get_level_values("model")
 
 
@@ -91,6 +93,27 @@ def test_two_perfect_models_tie():
     errors = errors_of({("chrome", "ward", "a"): np.inf, ("chrome", "tucker", "a"): np.inf})
     row = tables.count_wins(errors, CLASSES, MODELS).set_index(["model", "other", "class"]).loc["ward", "tucker", "all"]
     assert (row["ties"], row["mean_difference_db"]) == (1, 0)
+
+
+def test_a_mean_difference_is_over_materials_with_the_error_of_their_spread():
+    """Two scenes of a material say little more than one: each material counts once."""
+    psnr = {("chrome", "ward", s): 30.0 for s in "ab"} | {("nylon", "ward", "a"): 30.0}
+    psnr |= {("chrome", "tucker", "a"): 32.0, ("chrome", "tucker", "b"): 36.0, ("nylon", "tucker", "a"): 40.0}
+    wins = tables.count_wins(errors_of(psnr), CLASSES, MODELS).set_index(["model", "other", "class"])
+    row = wins.loc["tucker", "ward", "all"]
+    assert (row["materials"], row["mean_difference_db"]) == (2, pytest.approx((4 + 10) / 2))
+    assert row["se_difference_db"] == pytest.approx(np.std([4, 10], ddof=1) / np.sqrt(2))
+
+
+def test_a_lower_bound_never_loses_a_duel_and_wins_by_no_less_than_its_value():
+    psnr = {("chrome", "ward", s): 40.0 for s in "abc"}
+    psnr |= {("chrome", "tucker", "a"): 50.0, ("chrome", "tucker", "b"): 30.0, ("chrome", "tucker", "c"): 30.0}
+    errors = errors_of(psnr).assign(psnr_se_db=0.2)
+    errors.loc[errors["scene"] == "a", "psnr_se_db"] = [np.inf, 0.2]  # ward is a bound below tucker
+    errors.loc[errors["scene"] == "b", "psnr_se_db"] = [np.inf, 0.2]  # ward is a bound above tucker
+    row = tables.count_wins(errors, CLASSES, MODELS).set_index(["model", "other", "class"]).loc["ward", "tucker", "all"]
+    assert (row["wins"], row["ties"], row["losses"]) == (2, 1, 0)
+    assert row["mean_difference_db"] == pytest.approx((0 + 10 + 10) / 3)
 
 
 def test_published_figures_stand_beside_ours_over_the_same_materials(errors):

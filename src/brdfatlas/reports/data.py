@@ -13,6 +13,7 @@ import pandas as pd
 from brdfatlas import tsv
 from brdfatlas.files import read_json
 from brdfatlas.models import MODELS
+from brdfatlas.ranking import count_missing
 from brdfatlas.tsv import read_tsv
 
 FIT_COLUMNS = [
@@ -26,13 +27,14 @@ REFERENCE = "reference"
 
 @dataclass(frozen=True)
 class Measure:
-    """A column of the error tables: how it is called, its unit, the better direction and the digits worth printing."""
+    """A column of the error tables: how it is called, its unit, the better direction and the decimals worth printing;
+    None where values span decades and significant digits tell more."""
 
     key: str
     title: str
     unit: str
     higher_is_better: bool
-    digits: int
+    digits: int | None
     description: str
 
     @property
@@ -54,8 +56,8 @@ MEASURES = (
     Measure("de00_p95", "ΔE00 95 %", "", False, 2, "95th percentile of the CIEDE2000 colour difference"),
     Measure("flip_mean", "FLIP mean", "", False, 3, "mean of the FLIP difference, made for flipping between pictures"),
     Measure("ssim", "SSIM", "", True, 4, "structural similarity of the tone-mapped pictures"),
-    Measure("rmse", "RMSE", "", False, 4, "root mean square error of linear RGB"),
-    Measure("rel_mse", "relative MSE", "", False, 5, "mean squared error relative to the squared reference"),
+    Measure("rmse", "RMSE", "", False, None, "root mean square error of linear RGB"),
+    Measure("rel_mse", "relative MSE", "", False, None, "mean squared error relative to the squared reference"),
 )
 BRDF_MEASURES = (
     Measure(
@@ -82,6 +84,7 @@ class ModelFacts:
     formula: str
     bytes: int
     free_parameters: int
+    variable_size: bool
     status: str
     reciprocal: bool
     parameters: tuple[dict[str, Any], ...] = ()
@@ -140,6 +143,17 @@ class Material:
         """Means over the scenes, by model and measure."""
         return score_models(self.errors)
 
+    @cached_property
+    def missing(self) -> dict[str, int]:
+        """Scenes that a model lacks and another has, by model."""
+        return count_missing(self.errors, [name for name in dict.fromkeys(self.errors["model"]) if name != NOISE_FLOOR])
+
+    def stored_bytes(self, model: str) -> int | None:
+        """What the fit of a model stores, which a model of variable size decides by the material; None if it
+        failed."""
+        record = self.fits.get(model) or {}
+        return record.get("bytes") if record.get("status") == "ok" else None
+
 
 def register_models(files: Mapping[str, str | Path]) -> None:
     """Make models outside the package known to this process: name -> path of its file."""
@@ -161,6 +175,7 @@ def model_facts(name: str) -> ModelFacts:
         formula=model.formula,
         bytes=model.bytes,
         free_parameters=model.free_parameters,
+        variable_size=model.variable_size,
         status=model.status,
         reciprocal=model.reciprocal,
         parameters=tuple(

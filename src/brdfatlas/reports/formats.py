@@ -19,14 +19,16 @@ def _number(value: Any) -> float | None:
     return None if math.isnan(value) else value
 
 
-def digits(value: Any, places: int = 2) -> str:
-    """A fixed number of decimals; – for a missing number, ∞ for an exact match."""
-    number = _number(value)
-    if number is None:
+def digits(value: Any, places: int | None = 2) -> str:
+    """A fixed number of decimals, significant digits without one; – for a missing number, ∞ for an exact match."""
+    if places is None:
+        return number(value)
+    found = _number(value)
+    if found is None:
         return MISSING
-    if math.isinf(number):
-        return "∞" if number > 0 else "−∞"
-    return f"{number:.{places}f}".replace("-", "−")
+    if math.isinf(found):
+        return "∞" if found > 0 else "−∞"
+    return f"{found:.{places}f}".replace("-", "−")
 
 
 def number(value: Any) -> str:
@@ -54,16 +56,18 @@ def integer(value: Any) -> str:
 
 
 def error(value: Any) -> str:
-    """A standard error with two significant digits at most: 0.013, 0.2, 1.4."""
+    """A standard error with two significant digits at most: 0.013, 0.2, 1.4; never 0 for a positive one."""
     found = _number(value)
     if found is None:
         return MISSING
     if math.isinf(found):
         return "∞"
+    if 0 < found < 0.0005:
+        return "< 0.001"
     return f"{found:.1f}" if found >= 0.95 else f"{found:.2f}" if found >= 0.0095 else f"{found:.3f}"
 
 
-def with_error(value: Any, spread: Any, places: int = 1) -> str:
+def with_error(value: Any, spread: Any, places: int | None = 1) -> str:
     """A value with its standard error. An infinite error marks a lower bound: closer to the reference than the noise
     of the renders can tell (see brdfatlas.errors)."""
     found, about = _number(value), _number(spread)

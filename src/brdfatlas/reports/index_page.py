@@ -9,6 +9,7 @@ import pandas as pd
 import yaml
 
 from brdfatlas.files import read_json, write_text
+from brdfatlas.ranking import best_rows, count_missing
 from brdfatlas.reports.data import (
     MEASURES,
     NOISE_FLOOR,
@@ -27,7 +28,7 @@ from brdfatlas.reports.data import (
 from brdfatlas.reports.formats import seconds as duration
 from brdfatlas.reports.formats import storage
 from brdfatlas.reports.model_page import TABLE_MEASURES
-from brdfatlas.reports.pages import as_script, find_picture, render_page
+from brdfatlas.reports.pages import as_script, render_page
 
 
 def write_index(
@@ -38,12 +39,11 @@ def write_index(
     data: str | Path,
     models: Sequence[str],
     scenes: Sequence[SceneFacts],
-    figures: Mapping[str, str | Path] | None = None,
     **links: bool,
 ) -> None:
     """Write the index, the tables of the whole run and ``atlas.js``, which index and compare page read.
 
-    ``run_file`` is the record of the run; ``figures`` are pictures of the whole run by caption.
+    ``run_file`` is the record of the run.
     """
     output, data = Path(output), Path(data)
     run = read_json(run_file)
@@ -56,9 +56,6 @@ def write_index(
     write_text(data / "atlas.js", atlas_script(materials, facts, scenes))
     versions = list((run.get("versions") or {}).items())
     versions += [(key, run[key]) for key in ("revision", "machine") if run.get(key)]
-    drawn = [
-        (title, picture) for title, path in (figures or {}).items() if (picture := find_picture(output, Path(path)))
-    ]
     render_page(
         "index.html.j2",
         output,
@@ -78,7 +75,6 @@ def write_index(
         pictures=sum(errors[["material", "scene"]].drop_duplicates().shape[:1]),
         failures=failures,
         left_out=run.get("left_out") or [],
-        extras=drawn,
         versions=versions,
         config=yaml.safe_dump(run.get("config") or {}, sort_keys=False, allow_unicode=True),
         options=yaml.safe_dump(run.get("models") or {}, sort_keys=False, allow_unicode=True),
@@ -130,9 +126,14 @@ def materials_frame(materials: Sequence[Material]) -> pd.DataFrame:
 
 
 def model_rows(facts: Sequence[ModelFacts], errors: pd.DataFrame, fits: pd.DataFrame) -> list[dict[str, Any]]:
-    """The table of models: means, median time, wins and failures, with the best of each column marked."""
+    """The table of models: means, median storage and time, wins and failures, with the best of each column marked.
+
+    ``missing``: pictures that another model has and this one lacks; its means are never marked as best.
+    """
     scores = score_models(errors)
-    wins = count_wins(errors, [item.name for item in facts])
+    names = [item.name for item in facts]
+    wins = best_rows(errors, names)["model"].value_counts()
+    missing = count_missing(errors, names)
     rows = []
     for item in [*facts, None]:
         name = item.name if item else NOISE_FLOOR
@@ -141,17 +142,18 @@ def model_rows(facts: Sequence[ModelFacts], errors: pd.DataFrame, fits: pd.DataF
         pictures = errors[errors["model"] == name]
         if item is None and pictures.empty:
             continue
-        median = float(pd.to_numeric(good["seconds"]).median()) if len(good) else float("nan")
+        seconds, stored = (pd.to_numeric(good[key]).median() for key in ("seconds", "bytes"))
         rows.append(
             {
                 "name": name,
                 "title": item.title if item else "noise floor (reference, other seed)",
                 "facts": item,
                 "floor": item is None,
-                "bytes": item.bytes if item else None,
-                "seconds": None if math.isnan(median) else median,
+                "bytes": None if pd.isna(stored) else float(stored),
+                "seconds": None if pd.isna(seconds) else float(seconds),
                 "scores": {measure.key: score_of(scores, name, measure.key) for measure in MEASURES},
-                "wins": wins.get(name, 0),
+                "wins": int(wins.get(name, 0)),
+                "missing": missing.get(name, 0),
                 "failures": int((mine["status"] != "ok").sum())
                 if len(mine)
                 else int((pictures["status"] != "ok").sum()),
@@ -167,9 +169,10 @@ def model_rows(facts: Sequence[ModelFacts], errors: pd.DataFrame, fits: pd.DataF
         known = [value for row in real if (value := value_of(row)) is not None]
         for row in real:
             row["best"][key] = bool(known) and value_of(row) == better(known)
+    complete = [row["name"] for row in real if not row["missing"]]
     for measure in MEASURES:
         for row in real:
-            row["best"][measure.key] = row["name"] in best_models(scores, [item.name for item in facts], measure)
+            row["best"][measure.key] = row["name"] in best_models(scores, complete, measure)
     return rows
 
 
@@ -182,11 +185,12 @@ def models_frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
                 "status": row["facts"].status if row["facts"] else "noise floor",
                 "paper": row["facts"].citation if row["facts"] else "",
                 "bytes": row["bytes"],
-                "free_parameters": row["facts"].free_parameters if row["facts"] else None,
+                "free_parameters": numbers_of(row["facts"]),
                 "fit_seconds_median": row["seconds"],
                 **{f"{key}_mean": value.mean for key, value in row["scores"].items()},
                 "psnr_se_of_mean_db": row["scores"]["psnr_db"].error,
                 "pictures": row["scores"]["psnr_db"].count,
+                "pictures_missing": row["missing"],
                 "pictures_best": row["wins"],
                 "failures": row["failures"],
             }
@@ -195,13 +199,9 @@ def models_frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     )
 
 
-def count_wins(errors: pd.DataFrame, models: Sequence[str]) -> dict[str, int]:
-    """On how many (material, scene) pictures each model has the best PSNR; ties count for all."""
-    rows = errors[errors["model"].isin(models) & (errors["status"] == "ok")]
-    if rows.empty:
-        return {}
-    best = rows.groupby(["material", "scene"])["psnr_db"].transform("max")
-    return {str(k): int(v) for k, v in rows[rows["psnr_db"] == best]["model"].value_counts().items()}
+def numbers_of(facts: ModelFacts | None) -> int | None:
+    """How many numbers a fit has; None where the material decides."""
+    return facts.free_parameters if facts and not facts.variable_size else None
 
 
 def list_failures(materials: Sequence[Material], titles: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -224,36 +224,55 @@ def list_failures(materials: Sequence[Material], titles: Mapping[str, str]) -> l
 
 
 def findings(materials: Sequence[Material], rows: Sequence[Mapping[str, Any]]) -> str:
-    """What this run says, in two or three sentences, from its own numbers."""
+    """What this run says, in a few sentences, from its own numbers. Means are compared over the same pictures only."""
     alive = [row for row in rows if not row["floor"] and not math.isnan(row["scores"]["psnr_db"].mean)]
     if not alive:
         return "No model has a picture in this run: every fit or render failed."
+    aside = [row["title"] for row in alive if row["missing"]]
+    alive = [row for row in alive if not row["missing"]]
+    if not alive:
+        return "No model has every picture of this run, so their means cannot be compared: fits or renders failed."
     ranked = sorted(alive, key=lambda row: -row["scores"]["psnr_db"].mean)
     best = ranked[0]
     psnr = best["scores"]["psnr_db"]
-    text = f"{best['title']} comes closest to the references: {psnr.mean:.1f} dB PSNR on average over "
-    text += f"{psnr.count} picture{'s' if psnr.count > 1 else ''}, with {storage(best['bytes'])} a material"
-    others = [row for row in ranked[1:] if row["bytes"] < best["bytes"]]
-    if others:
-        small = others[0]
-        gap = psnr.mean - small["scores"]["psnr_db"].mean
-        text += f". {small['title']} needs {storage(small['bytes'])} and loses {gap:.1f} dB"
+    text = f"{best['title']} comes closest to the references: {_mean_in_words(best, 'dB PSNR on average')} over "
+    text += f"{psnr.count} picture{'s' if psnr.count > 1 else ''}"
+    if best["bytes"] is not None:
+        text += f", with {storage(best['bytes'])} a material"
+        others = [row for row in ranked[1:] if row["bytes"] is not None and row["bytes"] < best["bytes"]]
+        if others:
+            small = others[0]
+            gap = psnr.mean - small["scores"]["psnr_db"].mean
+            text += f". {small['title']} needs {storage(small['bytes'])} and "
+            text += f"loses {gap:.1f} dB" if math.isfinite(gap) else f"comes to {_mean_in_words(small)}"
     quick = [row for row in alive if row["seconds"] is not None]
     if len(quick) > 1:
         fastest = min(quick, key=lambda row: row["seconds"])
         text += f". The fastest fit is {fastest['title']}, {duration(fastest['seconds'])} a material"
-        text += f", at {fastest['scores']['psnr_db'].mean:.1f} dB"
-    names = [row["name"] for row in alive]
+        text += f", at {_mean_in_words(fastest)}"
+    names = [row["name"] for row in alive if math.isfinite(row["scores"]["psnr_db"].mean)]
     hardest = {m.title: _mean_over(m, names) for m in materials}
     hardest = {title: value for title, value in hardest.items() if not math.isnan(value)}
     if len(hardest) > 1:
         low, high = min(hardest, key=hardest.__getitem__), max(hardest, key=hardest.__getitem__)
         text += f". Hardest for all is {low} ({hardest[low]:.1f} dB over the models)"
         text += f", easiest {high} ({hardest[high]:.1f} dB)"
-    front = pareto_front({row["name"]: (row["bytes"], row["scores"]["psnr_db"].mean) for row in alive}, True)
+    front = pareto_front(
+        {row["name"]: (row["bytes"], row["scores"]["psnr_db"].mean) for row in alive if row["bytes"] is not None}, True
+    )
     if len(front) > 2:
         text += f". {len(front)} of {len(alive)} models are worth their bytes: no smaller one is as good"
+    if aside:
+        text += f". Set aside, because failures left {'it' if len(aside) == 1 else 'them'} fewer pictures: "
+        text += ", ".join(aside)
     return text + "."
+
+
+def _mean_in_words(row: Mapping[str, Any], unit: str = "dB") -> str:
+    psnr = row["scores"]["psnr_db"]
+    if math.isinf(psnr.mean):
+        return "no finite mean PSNR, equal to the reference on some picture"
+    return f"{'at least ' if math.isinf(psnr.error) else ''}{psnr.mean:.1f} {unit}"
 
 
 def _mean_over(material: Material, models: Sequence[str]) -> float:
@@ -265,7 +284,8 @@ def _mean_over(material: Material, models: Sequence[str]) -> float:
 def atlas_script(materials: Sequence[Material], models: Sequence[ModelFacts], scenes: Sequence[SceneFacts]) -> str:
     """``window.ATLAS``: numbers of the whole run, in columns, rounded to what is shown, for index and compare page.
 
-    ``values[measure]`` is flat: scene, then material, then model (models, then the noise floor last).
+    ``values[measure]`` is flat: scene, then material, then model (models, then the noise floor last); ``best`` are the
+    places of the best PSNRs (:func:`brdfatlas.ranking.best_rows`).
     """
     names = [model.name for model in models] + [NOISE_FLOOR]
     keys = [measure.key for measure in MEASURES] + ["psnr_se_db"]
@@ -300,7 +320,6 @@ def atlas_script(materials: Sequence[Material], models: Sequence[ModelFacts], sc
                 "name": m.name,
                 "title": m.title,
                 "paper": m.paper,
-                "bytes": m.bytes,
                 "status": m.status.split(":")[0],
                 "reciprocal": m.reciprocal,
             }
@@ -311,6 +330,13 @@ def atlas_script(materials: Sequence[Material], models: Sequence[ModelFacts], sc
             {"key": m.key, "title": m.label, "higher": m.higher_is_better, "digits": m.digits} for m in MEASURES
         ],
         "seconds": [[_rounded((m.fits.get(model.name) or {}).get("seconds")) for model in models] for m in materials],
+        "bytes": [[m.stored_bytes(model.name) for model in models] for m in materials],
+        "best": sorted(
+            (scene_place[row.scene] * len(materials) + j) * len(names) + model_place[row.model]
+            for j, material in enumerate(materials)
+            for row in best_rows(material.errors, names[:-1]).itertuples()
+            if row.scene in scene_place
+        ),
         "reasons": reasons,
         "values": values,
     }

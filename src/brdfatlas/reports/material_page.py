@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 import pandas as pd
 
+from brdfatlas.ranking import best_rows
 from brdfatlas.reports.data import (
     BRDF_MEASURES,
     MEASURES,
@@ -27,6 +28,7 @@ from brdfatlas.reports.data import (
     score_of,
     write_tsv,
 )
+from brdfatlas.reports.formats import digits
 from brdfatlas.reports.pages import Picture, find_picture, render_page, write_hdr_scripts, write_thumbnail
 
 #: Sections of difference pictures on a material page: id, title, ending of the picture's name, caption.
@@ -111,7 +113,7 @@ def write_material_page(
     reference = Entry(REFERENCE, "reference", None, None, {}, None)
     for entry in [*entries, reference]:
         entry.pictures = _pictures(output, pictures, entry.name, scenes)
-    mark_best(entries, scenes)
+    mark_best(material, entries, scenes)
     for entry in entries:
         entry.published = published_table(published, entry.name, material.name)
         entry.table = _beside(entry.published, (entry.fit or {}).get("parameters") or {})
@@ -192,15 +194,16 @@ def write_material_page(
 
 def material_lede(material: Material, entries: Sequence[Entry], scenes: Sequence[SceneFacts]) -> str:
     """One sentence on what happened to a material, from its own errors."""
-    alive = sorted((entry for entry in entries if not math.isnan(entry.mean)), key=lambda entry: -entry.mean)
+    alive = [entry for entry in entries if not math.isnan(entry.mean) and not material.missing.get(entry.name)]
+    alive.sort(key=lambda entry: -entry.mean)
     failed = [entry for entry in entries if entry.reason]
     if not alive:
-        return f"No model has a picture of {material.title} in this run."
+        return f"No model has every picture of {material.title} in this run."
     best, worst = alive[0], alive[-1]
     over = f"mean over {len(scenes)} scenes" if len(scenes) > 1 else f"scene {scenes[0].label}"
-    text = f"{best.title} comes closest to the reference, {best.mean:.1f} dB PSNR ({over})"
+    text = f"{best.title} comes closest to the reference, {digits(best.mean, 1)} dB PSNR ({over})"
     if worst is not best:
-        text += f"; {worst.title} stays farthest, {worst.mean:.1f} dB"
+        text += f"; {worst.title} stays farthest, {digits(worst.mean, 1)} dB"
     spread = [entry for entry in alive[1:] if entry.mean > best.mean - 1]
     if spread:
         text += (
@@ -240,18 +243,20 @@ def make_entry(material: Material, name: str, facts: ModelFacts | None, scenes: 
     return Entry(name, facts.title if facts else name, facts, fit, by_scene, brdf[0] if brdf else None, reason, mean)
 
 
-def mark_best(entries: Sequence[Entry], scenes: Sequence[SceneFacts]) -> None:
+def mark_best(material: Material, entries: Sequence[Entry], scenes: Sequence[SceneFacts]) -> None:
+    """Mark the best of every picture and measure: PSNR by :func:`brdfatlas.ranking.best_rows`, others by value."""
+    by_name = {entry.name: entry for entry in entries}
+    for row in best_rows(material.errors, list(by_name)).itertuples():
+        by_name[row.model].best[row.scene, "psnr_db"] = True
+        by_name[row.model].best_in.add(row.scene)
     for measure in MEASURES:
-        for scene in scenes:
-            values = {e.name: e.rows[scene.name][measure.key] for e in entries if scene.name in e.rows and not e.reason}
+        for scene in scenes if measure.key != "psnr_db" else ():
+            values = {e.name: e.rows[scene.name][measure.key] for e in entries if scene.name in e.rows}
             for name in _best_of(values, measure):
-                entry = next(e for e in entries if e.name == name)
-                entry.best[scene.name, measure.key] = True
-                if measure.key == "psnr_db":
-                    entry.best_in.add(scene.name)
+                by_name[name].best[scene.name, measure.key] = True
     for measure in BRDF_MEASURES:
         for name in _best_of({e.name: e.brdf[measure.key] for e in entries if e.brdf and not e.reason}, measure):
-            next(e for e in entries if e.name == name).best["brdf", measure.key] = True
+            by_name[name].best["brdf", measure.key] = True
 
 
 def _best_of(values: Mapping[str, float], measure: Measure) -> list[str]:

@@ -1,6 +1,7 @@
 """The page of one model: formula and source, best and worst materials, where its parameters fall, physics checks."""
 
 import math
+import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,8 @@ def write_model_page(
             whole.facts, {k: v for k, v in whole.fits.items() if k == model}, whole.errors, whole.brdf_errors
         )
         entry = make_entry(whole, model, facts, scenes)
-        order = sorted(models, key=lambda name, scores=whole.scores: -_or_worst(score_of(scores, name).mean))
+        means = {name: score_of(whole.scores, name).mean for name in models if not whole.missing.get(name)}
+        order = sorted((name for name in means if not math.isnan(means[name])), key=lambda name: -means[name])
         ok = entry.fit is not None and entry.fit.get("status") == "ok"
         rows.append(
             {
@@ -64,10 +66,11 @@ def write_model_page(
                 "standin": material.standin,
                 "class": str(material.facts.get("class") or ""),
                 "fit": entry.fit if ok else None,
+                "bytes": whole.stored_bytes(model),
                 "physics": entry.physics,
                 "reason": entry.reason,
                 "scores": {measure.key: score_of(whole.scores, model, measure.key) for measure in MEASURES},
-                "rank": order.index(model) + 1 if model in order and not math.isnan(entry.mean) else None,
+                "rank": order.index(model) + 1 if model in order else None,
                 "frame": (
                     fits_frame(material),
                     parameters_frame(material),
@@ -102,6 +105,7 @@ def write_model_page(
             ends.append(
                 (kind, row | {"psnr": row["scores"]["psnr_db"].mean, "picture": picture, "reference": reference})
             )
+    sizes = [row["bytes"] for row in rows if row["bytes"] is not None]
     place = list(models).index(model)
     render_page(
         "model.html.j2",
@@ -111,6 +115,7 @@ def write_model_page(
         **links,
         model=facts,
         lede=model_lede(facts, ranked, rows, seconds),
+        stored=(min(sizes), max(sizes)) if sizes else None,
         previous=models[place - 1] if place else "",
         following=models[place + 1] if place + 1 < len(models) else "",
         standins=sum(row["standin"] for row in rows),
@@ -126,14 +131,14 @@ def write_model_page(
     )
 
 
-def _or_worst(value: float) -> float:
-    return -math.inf if math.isnan(value) else value
-
-
 def model_lede(facts: ModelFacts, ranked: Sequence[Mapping], rows: Sequence[Mapping], seconds: Sequence[float]) -> str:
     """One sentence on how a model did."""
     failed = sum(bool(row["reason"]) for row in rows)
-    text = f"{facts.paper}, {storage(facts.bytes)} a material"
+    stored = [row["bytes"] for row in rows if row["bytes"] is not None]
+    text = facts.paper
+    if stored:
+        text += f", {storage(statistics.median(stored))} a material"
+        text += " (median)" if min(stored) < max(stored) else ""
     if seconds:
         text += f", fitted in {duration(sorted(seconds)[len(seconds) // 2])} (median)"
     if ranked:

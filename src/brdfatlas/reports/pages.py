@@ -71,16 +71,6 @@ def write_assets(folder: str | Path) -> list[Path]:
     return written
 
 
-def asset_files() -> list[Path]:
-    """Every file that ``write_assets`` copies."""
-    return sorted(path for path in ASSETS.iterdir() if path.is_file() and not path.name.startswith("."))
-
-
-def template_files() -> list[Path]:
-    """Every template: an input of every page."""
-    return sorted(TEMPLATES.glob("*.j2"))
-
-
 def find_picture(page: Path, path: Path, alt: str = "") -> Picture | None:
     """The picture with its size as ``page`` refers to it; None where the run made none."""
     if not path.is_file():

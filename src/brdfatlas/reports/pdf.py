@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import typst
 from PIL import Image
 from pypdf import PdfReader, PdfWriter
@@ -85,7 +86,7 @@ def write_material_pdf(
     material = read_material(material_file, fit_files, errors_file, brdf_errors_file)
     facts = {name: model_facts(name) for name in models}
     entries = [make_entry(material, name, facts[name], scenes) for name in models]
-    mark_best(entries, scenes)
+    mark_best(material, entries, scenes)
     files: dict[str, bytes] = {}
 
     def add(path: Path) -> str:
@@ -122,7 +123,7 @@ def write_material_pdf(
         "errors": errors,
         "bar": add(Path(assets) / "bar-de00.svg"),
         "lobes": add(pictures / "lobes.svg"),
-        "functions": functions[:8],
+        "functions": functions,
         "table": _material_table(material, entries, scenes),
         "table_size": 7.0 if len(entries) * len(scenes) < 40 else 6.2,
         "remarks": _footnotes(facts.values()),
@@ -148,7 +149,11 @@ def _material_table(material: Material, entries: Sequence[Entry], scenes: Sequen
     over = "mean over scenes" if len(scenes) > 1 else scenes[0].label
     head = [f"Model ({over})", *(measure.label for measure in measures), "Bytes", "Seconds", "Albedo ≤"]
     means = {
-        measure.key: {e.name: score_of(material.scores, e.name, measure.key).mean for e in entries}
+        measure.key: {
+            e.name: score_of(material.scores, e.name, measure.key).mean
+            for e in entries
+            if not material.missing.get(e.name)
+        }
         for measure in measures
     }
     rows = []
@@ -161,7 +166,8 @@ def _material_table(material: Material, entries: Sequence[Entry], scenes: Sequen
                 with_error(found.mean, found.error, measure.digits) if psnr else digits(found.mean, measure.digits)
             )
             alive = [value for value in means[measure.key].values() if not math.isnan(value)]
-            if alive and found.mean == (max if measure.higher_is_better else min)(alive):
+            best_mean = (max if measure.higher_is_better else min)(alive, default=None)
+            if found.mean == best_mean and entry.name in means[measure.key]:
                 best.append(place)
         fit = entry.fit or {}
         cells += [integer(fit.get("bytes")), number(fit.get("seconds")), digits(entry.physics["max_albedo"], 3)]
@@ -304,7 +310,8 @@ def spread(heights: Sequence[float], gap: float) -> list[float]:
 
 
 def pareto_figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    """Mean PSNR against bytes and against seconds of one fit, as SVG; empty if there is nothing to draw."""
+    """Mean PSNR against bytes and against seconds of one fit, as SVG; empty if there is nothing to draw. The line is
+    over the models that have every picture."""
     import matplotlib
 
     matplotlib.use("svg")
@@ -324,8 +331,10 @@ def pareto_figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
             if not points:
                 continue
             axes.set_xscale("log")
-            front = pareto_front(points, True)
-            axes.step(*zip(*(points[name] for name in front), strict=True), where="post", color="0.5", lw=0.8, ls=":")
+            complete = {row["title"] for row in finite if not row["missing"]}
+            front = pareto_front({name: point for name, point in points.items() if name in complete}, True)
+            steps = np.reshape([points[name] for name in front], (-1, 2)).T
+            axes.step(*steps, where="post", color="0.5", lw=0.8, ls=":")
             order = sorted(points, key=lambda name: points[name][1], reverse=True)
             for name in order:
                 axes.plot(*points[name], "o", ms=4, color="#0072b2", mfc="#0072b2" if name in front else "white")

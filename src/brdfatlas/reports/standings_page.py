@@ -1,5 +1,6 @@
 """Standings: wins and ties between models, classes of materials, published figures beside ours."""
 
+import math
 import os
 import shutil
 from collections.abc import Mapping, Sequence
@@ -9,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from brdfatlas.files import atomic_path
+from brdfatlas.ranking import TOLD_APART
 from brdfatlas.reports.data import NOISE_FLOOR, model_facts
 from brdfatlas.reports.pages import find_picture, render_page
 from brdfatlas.tables import CLASSES, TIE_DB
@@ -38,7 +40,7 @@ def write_standings(
             shutil.copyfile(tables / f"{name}.tsv", temporary)
     summary, wins, published = (read_tsv(tables / f"{name}.tsv") for name in ("summary", "wins", "published"))
     facts = {name: model_facts(name) for name in models}
-    whole = summary[(summary["model"] == models[0]) & (summary["scene"] == "all") & (summary["class"] == "all")]
+    whole = summary[(summary["scene"] == "all") & (summary["class"] == "all")]
     render_page(
         "standings.html.j2",
         output,
@@ -46,15 +48,47 @@ def write_standings(
         here="standings",
         **links,
         facts=facts,
-        standins=int(whole["standins"].sum()),
+        standins=int(whole["standins"].max()),
+        materials=int(whole["materials"].max()),
         tie=f"{TIE_DB:g}",
         measures=[(name, title, places) for name, title, places, _ in SHOWN],
+        scenes=scene_rows(summary, models),
         classes=class_rows(summary, models),
         duels=duel_rows(wins, models),
         figure=find_picture(output, Path(figure)),
         published=published.to_dict("records"),
         data_links=[(f"{name}.tsv", f"data/{name}.tsv") for name in TABLES],
     )
+
+
+def comparable(row: pd.Series) -> bool:
+    """Whether the means of a row of the summary are over as many pictures as any model has."""
+    return row["count"] > 0 and not row["missing"]
+
+
+def scene_rows(summary: pd.DataFrame, models: Sequence[str]) -> dict[str, Any]:
+    """Mean PSNR over all materials, a column a scene and all scenes last: {"names": [...], "rows": [...]}, the best of
+    each column marked. No names where the run has one scene."""
+    part = summary[summary["class"] == "all"]
+    names = [name for name in dict.fromkeys(part["scene"]) if name != "all"]
+    part = part.set_index(["model", "scene"])
+    best = {}
+    for scene in [*names, "all"]:
+        column = part.xs(scene, level="scene")
+        column = column[column.index.isin(models) & column.apply(comparable, axis=1).astype(bool)]
+        best[scene] = column["psnr_db_mean"].max()
+    rows = []
+    for model in [*models, NOISE_FLOOR]:
+        if (model, "all") not in part.index:
+            continue
+        cells = []
+        for scene in [*names, "all"]:
+            row = part.loc[(model, scene)] if (model, scene) in part.index else None
+            value = float("nan") if row is None else float(row["psnr_db_mean"])
+            is_best = model != NOISE_FLOOR and row is not None and comparable(row) and value == best[scene]
+            cells.append({"value": value, "best": is_best})
+        rows.append({"model": model, "floor": model == NOISE_FLOOR, "cells": cells})
+    return {"names": names, "rows": rows}
 
 
 def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, Any]]:
@@ -64,7 +98,7 @@ def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, A
         part = summary[(summary["class"] == class_name) & (summary["scene"] == "all")].set_index("model")
         if part.empty:
             continue
-        judged = [name for name in models if name in part.index and part.loc[name, "count"] > 0]
+        judged = [name for name in models if name in part.index and comparable(part.loc[name])]
         rows = []
         for name in [*(name for name in models if name in part.index), NOISE_FLOOR]:
             if name not in part.index:
@@ -85,7 +119,8 @@ def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, A
 
 def duel_rows(wins: pd.DataFrame, models: Sequence[str]) -> dict[str, Any]:
     """Every model against every other over all materials: {"names": [...], "rows": [(name, cells)]}; a cell is None on
-    the diagonal, else wins, ties, losses and their balance in [-1, 1]."""
+    the diagonal, else wins, ties, losses, their balance in [-1, 1], the mean difference, its standard error over
+    materials and whether the difference is told apart from 0 by it."""
     found = wins[wins["class"] == "all"].set_index(["model", "other"])
     names = [name for name in models if name in found.index.get_level_values(0)]
     rows = []
@@ -98,6 +133,8 @@ def duel_rows(wins: pd.DataFrame, models: Sequence[str]) -> dict[str, Any]:
             row = found.loc[(model, other)]
             cell: dict[str, Any] = {key: int(row[key]) for key in ("count", "wins", "ties", "losses")}
             balance = (cell["wins"] - cell["losses"]) / max(cell["count"], 1)
-            cells.append(cell | {"balance": balance, "difference": float(row["mean_difference_db"])})
+            difference, error = float(row["mean_difference_db"]), float(row["se_difference_db"])
+            apart = math.isinf(difference) or abs(difference) > TOLD_APART * error
+            cells.append(cell | {"balance": balance, "difference": difference, "error": error, "apart": apart})
         rows.append((model, cells))
     return {"names": names, "rows": rows}

@@ -172,13 +172,26 @@
       context.fillRect(cut - ratio, 0, 2 * ratio, canvas.height);
     }
     if (state.v === "side") { context.fillStyle = "#fff"; context.fillRect(canvas.width / 2 - ratio / 2, 0, ratio, canvas.height); }
+    const at = pointer ? null : aim();
+    if (at) {
+      for (const [colour, wide] of [["#000", 3], ["#fff", 1]]) {
+        context.strokeStyle = colour; context.lineWidth = wide * ratio;
+        context.strokeRect(at.x - 5 * ratio, at.y - 5 * ratio, 10 * ratio, 10 * ratio);
+      }
+    }
     pixels();
   }
+  // Where the pixel is read: under the pointer or, without one, in the middle of the picture that the keyboard is on.
+  function aim() {
+    if (pointer || !canvas.matches(":focus-visible")) return pointer;
+    const panel = panels()[0];
+    return { x: panel.x + panel.w / 2, y: panel.h / 2 };
+  }
   function pixelAt() {
-    const picture = (store.get(idOf(state.a)) || {}).picture || (store.get(idOf(state.b)) || {}).picture;
-    if (!pointer || !picture) return null;
-    const panel = panels().find((p) => pointer.x >= p.x && pointer.x < p.x + p.w) || panels()[0], p = place(panel, picture);
-    const x = Math.floor((pointer.x - p.left) / p.scale), y = Math.floor((pointer.y - p.top) / p.scale);
+    const picture = (store.get(idOf(state.a)) || {}).picture || (store.get(idOf(state.b)) || {}).picture, from = aim();
+    if (!from || !picture) return null;
+    const panel = panels().find((p) => from.x >= p.x && from.x < p.x + p.w) || panels()[0], p = place(panel, picture);
+    const x = Math.floor((from.x - p.left) / p.scale), y = Math.floor((from.y - p.top) / p.scale);
     return x >= 0 && y >= 0 && x < picture.width && y < picture.height ? { x, y } : null;
   }
   function pixels() {
@@ -221,6 +234,9 @@
     $("exposure").value = state.e;
     $("stops").textContent = `${state.e > 0 ? "+" : ""}${+state.e.toFixed(2)} stops`.replace("-", "−");
     $("error-bar").hidden = state.v !== "error";
+    $("divider-label").hidden = $("divided").hidden = state.v !== "swipe";
+    $("divider").value = 100 * state.w;
+    $("divided").textContent = `${Math.round(100 * state.w)} %`;
     document.title = `${material.title}${material.standin ? " (stand-in)" : ""}: ${titleOf(state.b)} · BRDF atlas`;
     document.querySelectorAll("#list button").forEach((button) => {
       button.setAttribute("aria-pressed", String(button.dataset.model === state.b));
@@ -231,6 +247,8 @@
   const step = (list, name, by) => list[(list.findIndex((x) => x.name === name) + by + list.length) % list.length].name;
   for (const [id, key] of [["material", "m"], ["scene", "s"], ["a", "a"], ["b", "b"], ["view", "v"]]) $(id).addEventListener("change", (e) => change({ [key]: e.target.value }));
   $("exposure").addEventListener("input", (e) => change({ e: Number(e.target.value) }));
+  const divide = (w) => change({ w: Math.min(Math.max(w, 0), 1) });
+  $("divider").addEventListener("input", (e) => divide(Number(e.target.value) / 100));
   const reset = () => { flipped = false; change({ e: 0, z: 1, x: 0.5, y: 0.5, w: 0.5 }); };
   $("reset").addEventListener("click", reset);
   $("help-button").addEventListener("click", () => $("help").showModal());
@@ -239,6 +257,13 @@
     if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
     if (event.target.matches("select, input")) return;
     if (event.target.matches("button") && (event.key === " " || event.key === "Enter")) return;
+    const pan = event.shiftKey ? { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key] : null;
+    if (pan) {
+      event.preventDefault();
+      const [x, y] = [state.x + 0.1 * pan[0] / state.z, state.y + 0.1 * pan[1] / state.z].map((v) => Math.min(Math.max(v, 0), 1));
+      change({ x, y });
+      return;
+    }
     const digit = /^Digit(\d)$/.exec(event.code);
     const act = {
       " ": () => { flipped = !flipped; if (state.v !== "flip") change({ v: "flip" }); schedule(); },
@@ -246,7 +271,7 @@
       ArrowRight: () => change({ m: step(A.materials, state.m, 1) }), ArrowLeft: () => change({ m: step(A.materials, state.m, -1) }),
       ArrowDown: () => change({ b: step(MODELS, state.b, 1) }), ArrowUp: () => change({ b: step(MODELS, state.b, -1) }),
       r: reset, v: () => change({ v: VIEWS[(VIEWS.indexOf(state.v) + 1) % VIEWS.length] }), s: () => change({ s: step(A.scenes, state.s, 1) }),
-      "?": () => $("help").showModal(), "+": () => zoom(1.5), "=": () => zoom(1.5), "-": () => zoom(1 / 1.5),
+      "?": () => $("help").showModal(), ",": () => divide(state.w - 0.05), ".": () => divide(state.w + 0.05), "+": () => zoom(1.5), "=": () => zoom(1.5), "-": () => zoom(1 / 1.5),
     }[event.key];
     if (act) { event.preventDefault(); act(); return; }
     if (digit) {
@@ -275,7 +300,7 @@
     pointer = local(event);
     const picture = anyPicture();
     if (drag && picture) {
-      if (drag.swipe) change({ w: Math.min(Math.max(pointer.x / canvas.width, 0), 1) });
+      if (drag.swipe) divide(pointer.x / canvas.width);
       else {
         const { scale } = place(panels()[0], picture);
         change({ x: state.x - (pointer.x - drag.x) / (scale * picture.width), y: state.y - (pointer.y - drag.y) / (scale * picture.height) });
@@ -284,7 +309,8 @@
     } else pixels();
   });
   for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { drag = null; });
-  canvas.addEventListener("pointerleave", () => { pointer = null; pixels(); });
+  canvas.addEventListener("pointerleave", () => { pointer = null; schedule(); });
+  for (const name of ["focus", "blur"]) canvas.addEventListener(name, schedule);
   new ResizeObserver(schedule).observe($("stage"));
   window.addEventListener("hashchange", () => { if (location.hash !== ownHash) { read(); sync(); schedule(); } });
   // What will be wanted next is loaded while nothing else happens.

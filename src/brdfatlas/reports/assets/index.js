@@ -37,8 +37,16 @@
     });
   }
   const mean = (values) => { const good = values.filter((v) => v !== null); return good.length ? good.reduce((a, b) => a + b, 0) / good.length : NaN; };
-  const median = (values) => { const s = values.filter((v) => v !== null).sort((a, b) => a - b); return s.length ? s[Math.floor(s.length / 2)] : NaN; };
-  const text = (v, d = measure().digits) => (v === null || Number.isNaN(v) ? "–" : v === Infinity ? "∞" : v.toFixed(d).replace("-", "−"));
+  const median = (values) => { const s = values.filter((v) => v !== null).sort((a, b) => a - b), n = s.length; return n ? (s[(n - 1) >> 1] + s[n >> 1]) / 2 : NaN; };
+  // Without a number of decimals three significant digits: errors span decades.
+  const significant = (v) => (v === 0 ? "0" : Math.abs(v) < 1e-4 ? v.toExponential(2) : v.toFixed(Math.max(0, 2 - Math.floor(Math.log10(Math.abs(v))))));
+  const text = (v, d = measure().digits) => (v === null || Number.isNaN(v) ? "–" : v === Infinity ? "∞" : (d === null ? significant(v) : v.toFixed(d)).replace("-", "−"));
+  const BEST = new Set(A.best);
+  // The best PSNRs of a picture: all that the noise does not tell apart from the highest. Means and other measures: by value.
+  function isBest(j, k, v, top) {
+    const s = A.scenes.length > 1 ? A.scenes.findIndex((x) => x.name === $("scene").value) : 0;
+    return measure().key === "psnr_db" && s >= 0 ? BEST.has((s * J + j) * K + k) : v === top;
+  }
 
   function front(points, higher) {
     const sign = higher ? -1 : 1;
@@ -51,10 +59,14 @@
   }
   function drawPareto(rows) {
     const m = measure();
-    const points = A.models.map((model, k) => ({ name: model.name, title: model.title, index: k, y: mean(rows.map((j) => value(j, k))), href: `models/${url(model.name)}.html`, bytes: model.bytes, seconds: median(rows.map((j) => A.seconds[j][k])) }));
-    for (const [id, key, label] of [["pareto-bytes", "bytes", "bytes of one fit"], ["pareto-seconds", "seconds", "seconds of one fit (median)"]]) {
+    const pictures = rows.filter((j) => A.models.some((_, k) => value(j, k) !== null));
+    const points = A.models.map((model, k) => {
+      const have = pictures.filter((j) => value(j, k) !== null).length, complete = have === pictures.length;
+      return { name: model.name, title: complete ? model.title : `${model.title} (${have} of ${pictures.length})`, complete, index: k, y: mean(rows.map((j) => value(j, k))), href: `models/${url(model.name)}.html`, bytes: median(rows.map((j) => A.bytes[j][k])), seconds: median(rows.map((j) => A.seconds[j][k])) };
+    });
+    for (const [id, key, label] of [["pareto-bytes", "bytes", "bytes of one fit (median)"], ["pareto-seconds", "seconds", "seconds of one fit (median)"]]) {
       const here = points.map((p) => ({ ...p, x: p[key], text: `${p.title}: ${text(p.y)} ${m.title}, ${C.short(p[key])} ${key}` }));
-      C.scatter($(id), { points: here, front: front(here, m.higher), xlabel: label, ylabel: `mean ${m.title}`, label: `Mean ${m.title} against ${label}, one point a model` });
+      C.scatter($(id), { points: here, front: front(here.filter((p) => p.complete), m.higher), xlabel: label, ylabel: `mean ${m.title}`, label: `Mean ${m.title} against ${label}, one point a model` });
     }
   }
   function ramp(share) {
@@ -66,6 +78,11 @@
     const m = measure(), table = $("heat");
     const matrix = new Map(rows.map((j) => [j, A.models.map((_, k) => value(j, k))]));
     const finite = [...matrix.values()].flat().filter((v) => Number.isFinite(v));
+    if (!finite.length) {
+      table.replaceChildren();
+      $("heat-bar").textContent = rows.length ? "No finite numbers." : "Nothing matches.";
+      return;
+    }
     const skewed = !m.higher && finite.some((v) => v > 0) && Math.max(...finite) / Math.min(...finite.filter((v) => v > 0)) > 100;
     const f = skewed ? (v) => Math.log(Math.max(v, 1e-12)) : (v) => v;
     const low = Math.min(...finite), high = Math.max(...finite);
@@ -115,7 +132,7 @@
         const cell = node("td", { style: `background:rgb(${rgb});color:${luminance(rgb) > 0.18 ? "#000" : "#fff"}`, title: `${material.title}, ${model.title}: ${text(v)} ${m.title}` });
         const scene = $("scene").value || A.scenes[0].name;
         const link = node("a", { href: `compare.html#m=${url(material.name)}&s=${url(scene)}&b=${url(model.name)}` }, bound(j, k) + text(v));
-        if (v === best) { cell.classList.add("best"); link.prepend("● "); link.append(node("span", { class: "hidden" }, " best")); }
+        if (isBest(j, k, v, best)) { cell.classList.add("best"); link.prepend("● "); link.append(node("span", { class: "hidden" }, " best")); }
         cell.append(link);
         row.append(cell);
       });

@@ -1,0 +1,91 @@
+"""Laws of a ranking under noise: what is below the detection limit cannot lose, and no order inverts there."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from brdfatlas.errors import DETECTION, psnr
+from brdfatlas.ranking import TOLD_APART, best_rows, count_missing, told_apart
+
+INF = float("inf")
+
+
+def reported(mse: float, error: float) -> tuple[float, float]:
+    """PSNR and its error as the tables have them, for an estimate of the MSE (errors.linear_errors)."""
+    if mse < DETECTION * error:
+        return psnr(1.0, max(mse, 0.0) + DETECTION * error), INF
+    return psnr(1.0, mse), 10 / np.log(10) * error / mse
+
+
+def test_the_order_of_two_errors_never_inverts_at_the_detection_limit():
+    """A smaller MSE is never told apart as the worse one, on whichever side of the limit the two lie."""
+    grid = [(mse, error) for error in (1e-5, 1e-4) for mse in error * np.linspace(-1, 6, 57)]
+    for (mse, error), (other, _) in itertools.product(grid, grid):
+        if mse >= other:
+            continue
+        (a, a_error), (b, b_error) = reported(mse, error), reported(other, error)
+        if a < b:
+            assert not told_apart(a, a_error, b, b_error)
+
+
+def test_telling_apart_is_symmetric_and_needs_two_joint_errors():
+    rng = np.random.default_rng(0)
+    a, b = rng.uniform(20, 60, (2, 500))
+    a_error, b_error = np.where(rng.random((2, 500)) < 0.2, INF, rng.uniform(0, 5, (2, 500)))
+    np.testing.assert_array_equal(told_apart(a, a_error, b, b_error), told_apart(b, b_error, a, a_error))
+    finite = np.isfinite(a_error + b_error)
+    expected = np.abs(a - b) > TOLD_APART * np.hypot(a_error, b_error)
+    np.testing.assert_array_equal(told_apart(a, a_error, b, b_error)[finite], expected[finite])
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "apart"),
+    [
+        ((40, INF), (60, 0.1), False),  # the bound may be anything above 40
+        ((40, INF), (60, INF), False),
+        ((60, INF), (40, 0.1), True),  # a bound stands for itself against what lies below
+        ((60, INF), (59.9, 0.1), False),
+        ((INF, 0), (60, 1), True),
+        ((INF, 0), (60, INF), False),
+        ((INF, 0), (INF, 0), False),
+        ((40, np.nan), (41, np.nan), True),  # one batch: no error is known
+    ],
+)
+def test_bounds_and_exact_matches(a, b, apart):
+    assert told_apart(*a, *b) == apart
+
+
+def table(rows) -> pd.DataFrame:
+    columns = ["material", "model", "scene", "status", "psnr_db", "psnr_se_db"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def test_the_best_of_a_picture_is_shared_by_all_that_are_not_told_apart_from_it():
+    rows = [
+        ("a", "top", "s", "ok", 50.0, 0.3),
+        ("a", "near", "s", "ok", 49.5, 0.3),
+        ("a", "below", "s", "ok", 48.0, 0.3),
+        ("a", "bound", "s", "ok", 30.0, INF),
+        ("a", "failed", "s", "failed", np.nan, np.nan),
+        ("a", "reference_again", "s", "ok", 99.0, 0.1),
+        ("b", "below", "s", "ok", 20.0, 0.1),
+    ]
+    models = ["top", "near", "below", "bound", "failed"]
+    best = best_rows(table(rows), models)
+    assert set(zip(best["material"], best["model"])) == {("a", "top"), ("a", "near"), ("a", "bound"), ("b", "below")}
+    assert best_rows(table(rows)[:0], models).empty
+
+
+def test_a_model_lacks_what_any_other_has_and_not_what_all_lack():
+    rows = [
+        ("a", "x", "s", "ok", 50.0, 0.3),
+        ("b", "x", "s", "failed", np.nan, np.nan),
+        ("c", "x", "s", "failed", np.nan, np.nan),
+        ("a", "y", "s", "ok", 50.0, 0.3),
+        ("b", "y", "s", "ok", 50.0, 0.3),
+        ("c", "y", "s", "failed", np.nan, np.nan),
+        ("c", "reference_again", "s", "ok", 99.0, 0.1),
+    ]
+    assert count_missing(table(rows), ["x", "y"]) == {"x": 1, "y": 0}
