@@ -5,7 +5,14 @@ import os
 import sys
 from pathlib import Path
 
-from brdfatlas.pipeline.configuration import choose, read_assets, read_config, read_models, read_variants
+from brdfatlas.pipeline.configuration import (
+    check_scenes,
+    choose,
+    read_assets,
+    read_config,
+    read_models,
+    read_variants,
+)
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.progress import Progress
 from brdfatlas.pipeline.recovery import record_outputs, recover
@@ -19,6 +26,12 @@ from snakemake.logging import logger
 # and no --lint, which Snakemake tells from a run only by this.
 STARTING = workflow.is_main_process and not workflow.output_settings.dryrun and workflow.check_envvars
 
+# Who asks for downloads only may lack what a run needs.
+TARGETS = workflow.dag_settings.targets if workflow.dag_settings else []
+FETCHING = bool(TARGETS) and all(
+    target in ("merl", "assets") or Path(target).parent == Path("data/assets") for target in TARGETS
+)
+
 try:
     config = read_config(config)
     ALL_MODELS = read_models(config["models_file"])
@@ -27,9 +40,12 @@ try:
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
     VARIANTS = read_variants(config["ablation"], ALL_MODELS)
     ASSETS = read_assets("config/assets.yaml")
+    check_scenes(config, {name: ALL_SCENES[name] for name in SCENES}, ASSETS, files=not FETCHING)
     if STARTING:
         recover(["src", "workflow", "config", config["merl_folder"]])
-    FOUND, LEFT_OUT = find_materials(config, "results/standins", "results/materials/checks.json")
+    FOUND, LEFT_OUT = find_materials(
+        config | {"strict": config["strict"] and not FETCHING}, "results/standins", "results/materials/checks.json"
+    )
 except ValueError as error:
     raise WorkflowError(str(error)) from None
 
@@ -89,10 +105,10 @@ def model_sources(wildcards):
 
 
 def scene_files(names):
-    """The light probes and meshes that these scenes read; a missing one is reported by check_scenes, by its key."""
+    """The light probes and meshes that these scenes read."""
     shapes = [shape for name in names for shape in ALL_SCENES[name]["geometry"]]
     files = [item["file"] for item in shapes + [ALL_SCENES[name]["environment"] for name in names]]
-    return [file for file in files if file and Path(file).is_file()]
+    return [file for file in files if file]
 
 
 def fit_of(wildcards):

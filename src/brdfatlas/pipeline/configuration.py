@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import jsonschema
 import yaml
 
 from brdfatlas.models import BUILTIN, MODELS
+from brdfatlas.rendering.scenes import SceneError, check_settings
 
 SCHEMAS = Path("workflow") / "schemas"
 #: Names that become folders, wildcards and addresses: nothing that a shell, a path or a page could misread.
@@ -137,6 +138,32 @@ def read_assets(path: str | Path) -> dict[str, dict[str, Any]]:
     """config/assets.yaml: name of a file in data/assets -> where it comes from."""
     assets = check(read_yaml(path), read_yaml(SCHEMAS / "assets.schema.yaml"), str(path))
     return {check_name(name, str(path)): source for name, source in assets.items()}
+
+
+def check_scenes(
+    config: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]], assets: Iterable[str], *, files: bool = True
+) -> None:
+    """Check the scenes of a run under its settings: a sample a batch or more and, with ``files``, that what they read
+    is there; ``assets``: names of files in data/assets that can be fetched.
+
+    ConfigError names file, scene, key and remedy.
+    """
+    fetched = {Path("data") / "assets" / name for name in assets}
+    render, source = config["render"], config["scenes_file"]
+    for name, scene in scenes.items():
+        try:
+            check_settings(render["size"], scene["samples"] or render["samples"], render["batches"])
+        except SceneError as error:
+            place = f"{source}: {name}" if scene["samples"] else "config: render"
+            raise ConfigError(str(error).replace("render", place, 1)) from None
+        named = {f"geometry.{number}": shape["file"] for number, shape in enumerate(scene["geometry"])}
+        named["environment"] = scene["environment"]["file"]
+        for key, file in named.items() if files else ():
+            if file and not Path(file).exists():
+                remedy = "correct the path or leave the scene out"
+                if Path(file) in fetched:
+                    remedy = "`snakemake assets` fetches it"
+                raise ConfigError(f"{source}: {name}.{key}.file: {file}: no such file; {remedy}")
 
 
 def choose(wanted: str | list[str], known: list[str], key: str, source: str) -> list[str]:
