@@ -13,6 +13,7 @@ from brdfatlas.pipeline.configuration import (
     read_models,
     read_variants,
 )
+from brdfatlas.pipeline.jobs import revision, versions
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.progress import Progress
 from brdfatlas.pipeline.recovery import record_outputs, recover

@@ -131,18 +131,25 @@ def revision(root: Path) -> str:
 PACKAGES = ("brdfatlas", "numpy", "scipy", "numba", "mitsuba", "drjit", "colour-science", "flip-evaluator", "snakemake")
 
 
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that make results."""
+    return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
+
+
 def manifest(
     config: Mapping[str, Any],
     models: Mapping[str, Any],
     materials: Mapping[str, str],
     left_out: Sequence[Mapping],
     descriptions: Sequence[str],
+    revision: str,
+    versions: Mapping[str, str],
 ) -> dict[str, Any]:
     """Everything that is needed to repeat a run: configuration, seeds, versions, inputs with checksums, revision."""
     described = [json.loads(Path(path).read_text(encoding="utf-8")) for path in descriptions]
     return {
-        "revision": revision(Path.cwd()),
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
+        "revision": revision,
+        "versions": versions,
         "machine": f"{platform.system()} {platform.machine()}",
         "config": config,
         "models": models,
