@@ -100,6 +100,12 @@ def first_material_first(wildcards):
     return len(MATERIALS) - MATERIALS.index(wildcards.material)
 
 
+def neighbours(wildcards):
+    """A material between those before and after it, to which its page links."""
+    place = MATERIALS.index(wildcards.material)
+    return MATERIALS[max(0, place - 1) : place + 2]
+
+
 def model_sources(wildcards):
     """The model's own file and what it imports: editing one model refits that model only."""
     return sources(FITTED[wildcards.model]["module"], "brdfatlas.fits", "brdfatlas.physics")
@@ -122,10 +128,10 @@ def fit_of(wildcards):
     }
 
 
-def beside_site(folder):
-    """Files of the reports package that are no modules: templates and assets."""
+def beside_site(folder, ending=""):
+    """Files of the reports package that are no modules: templates (".j2" of pages, ".typ" of the PDF) and assets."""
     package = Path(os.path.relpath(module_path("brdfatlas.reports.site").parent))
-    return sorted(str(path) for path in (package / folder).iterdir() if not path.name.startswith("."))
+    return sorted(str(path) for path in (package / folder).glob(f"[!.]*{ending}"))
 
 
 def texture_rows(wildcards):
