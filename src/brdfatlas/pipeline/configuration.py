@@ -98,7 +98,7 @@ def read_models(path: str | Path) -> dict[str, dict[str, Any]]:
             MODELS[name].check_options(options)
         except KeyError as error:
             raise ConfigError(f"{path}: {name}: {error.args[0]}; a model of your own needs source: FILE.py") from None
-        except (ValueError, ImportError, SyntaxError) as error:
+        except (ValueError, ImportError) as error:
             raise ConfigError(f"{path}: {name}: {error}".replace("\n", " ")) from None
         models[name] = _model(name, options, source)
     return models
