@@ -110,7 +110,10 @@ def test_scenes_are_checked_under_the_settings_of_the_run(tmp_path):
             check_scenes(config, {"hall": scene | changes}, ["probe.hdr"])
         return str(caught.value)
 
-    assert fault() == "mine.yaml: hall.environment.file: data/assets/probe.hdr: no such file; `snakemake assets` fetches it"
+    assert (
+        fault()
+        == "mine.yaml: hall.environment.file: data/assets/probe.hdr: no such file; `snakemake assets` fetches it"
+    )
     check_scenes(config, {"hall": scene}, ["probe.hdr"], files=False)
     gone = tmp_path / "gone.ply"
     assert fault(geometry=[*shapes, {"file": str(gone)}]) == (

@@ -70,7 +70,7 @@ def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
 
 @contextmanager
 def _loading(origin: str, file: str = "") -> Iterator[None]:
-    """A fault in the code of a model from outside, whatever it is, as one line: ImportError, with the line in ``file``."""
+    """Any fault in the code of a model from outside as ImportError: one line, with the number of that in ``file``."""
     try:
         yield
     except Exception as error:
