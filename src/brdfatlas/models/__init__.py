@@ -91,7 +91,7 @@ def load_model_file(path: str | Path, name: str | None = None) -> Model:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    with _loading(str(path), str(path.absolute())):
+    with _loading(str(path), str(spec.origin)):
         spec.loader.exec_module(module)
     return _only_model(module, str(path), name)()
 
