@@ -10,8 +10,9 @@ from brdfatlas.pipeline import configuration
 from brdfatlas.pipeline.configuration import (
     ConfigError,
     check,
-    check_scenes,
+    check_samples,
     choose,
+    files_of_scene,
     read_config,
     read_models,
     read_yaml,
@@ -98,28 +99,31 @@ def test_model_faults(tmp_path, models, words):
     assert str(path) in str(caught.value)
 
 
-def test_scenes_are_checked_under_the_settings_of_the_run(tmp_path):
-    mesh = tmp_path / "teapot.ply"
-    mesh.touch()
-    shapes = [{"file": ""}, {"file": str(mesh)}]
-    scene = {"samples": None, "geometry": shapes, "environment": {"file": "data/assets/probe.hdr"}}
+def test_samples_are_checked_under_the_settings_of_the_run():
     config = read_config({"scenes_file": "mine.yaml", "render": {"samples": 16, "batches": 8}})
-
-    def fault(**changes) -> str:
-        with pytest.raises(ConfigError) as caught:
-            check_scenes(config, {"hall": scene | changes}, ["probe.hdr"])
-        return str(caught.value)
-
-    probe = "mine.yaml: hall.environment.file: data/assets/probe.hdr"
-    assert fault() == f"{probe}: no such file; `snakemake assets` fetches it"
-    check_scenes(config, {"hall": scene}, ["probe.hdr"], files=False)
-    gone = tmp_path / "gone.ply"
-    assert fault(geometry=[*shapes, {"file": str(gone)}]) == (
-        f"mine.yaml: hall.geometry.2.file: {gone}: no such file; correct the path or leave the scene out"
-    )
-    assert fault(samples=4).startswith("mine.yaml: hall.samples: 4: at least one sample a batch")
+    check_samples(config, {"hall": {"samples": None}})
+    with pytest.raises(ConfigError, match=r"^mine\.yaml: hall\.samples: 4: at least one sample a batch"):
+        check_samples(config, {"hall": {"samples": 4}})
     config["render"]["samples"] = 6
-    assert fault().startswith("config: render.samples: 6: at least one sample a batch")
+    with pytest.raises(ConfigError, match=r"^config: render\.samples: 6: at least one sample a batch"):
+        check_samples(config, {"hall": {"samples": None}})
+
+
+def test_a_file_that_a_scene_lacks_is_named_with_its_key(tmp_path):
+    mesh, gone = tmp_path / "teapot.ply", tmp_path / "gone.ply"
+    mesh.touch()
+
+    def files(environment: str, *meshes: Path) -> list[str]:
+        scene = {"geometry": [{"file": ""}, *({"file": str(m)} for m in meshes)], "environment": {"file": environment}}
+        return files_of_scene("hall", scene, "mine.yaml", ["probe.hdr"])
+
+    assert files("", mesh) == [str(mesh)]
+    with pytest.raises(ConfigError) as caught:
+        files("", mesh, gone)
+    fault = f"mine.yaml: hall.geometry.2.file: {gone}: no such file"
+    assert str(caught.value) == f"{fault}; correct the path or leave the scene out"
+    with pytest.raises(ConfigError, match=r"hall\.environment\.file: .*; `snakemake assets` fetches it"):
+        files("data/assets/probe.hdr")
 
 
 def test_choose_says_what_is_known():

@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 from brdfatlas.pipeline.configuration import (
-    check_scenes,
+    check_samples,
     choose,
+    files_of_scene,
     read_assets,
     read_config,
     read_models,
@@ -27,12 +28,6 @@ from snakemake.logging import logger
 # and no --lint, which Snakemake tells from a run only by this.
 STARTING = workflow.is_main_process and not workflow.output_settings.dryrun and workflow.check_envvars
 
-# Who asks for downloads only may lack what a run needs.
-TARGETS = workflow.dag_settings.targets if workflow.dag_settings else []
-FETCHING = bool(TARGETS) and all(
-    target in ("merl", "assets") or Path(target).parent == Path("data/assets") for target in TARGETS
-)
-
 try:
     config = read_config(config)
     ALL_MODELS = read_models(config["models_file"])
@@ -41,12 +36,10 @@ try:
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
     VARIANTS = read_variants(config["ablation"], ALL_MODELS)
     ASSETS = read_assets("config/assets.yaml")
-    check_scenes(config, {name: ALL_SCENES[name] for name in SCENES}, ASSETS, files=not FETCHING)
+    check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     if STARTING:
         recover(["src", "workflow", "config", config["merl_folder"]])
-    FOUND, LEFT_OUT = find_materials(
-        config | {"strict": config["strict"] and not FETCHING}, "results/standins", "results/materials/checks.json"
-    )
+    FOUND, LEFT_OUT = find_materials(config, "results/standins", "results/materials/checks.json")
 except ValueError as error:
     raise WorkflowError(str(error)) from None
 
@@ -112,10 +105,13 @@ def model_sources(wildcards):
 
 
 def scene_files(names):
-    """The light probes and meshes that these scenes read."""
-    shapes = [shape for name in names for shape in ALL_SCENES[name]["geometry"]]
-    files = [item["file"] for item in shapes + [ALL_SCENES[name]["environment"] for name in names]]
-    return [file for file in files if file]
+    """The light probes and meshes that these scenes read. One that is not there stops a run when it is planned, before
+    any work; downloads need no scene, so they are not stopped."""
+    source = config["scenes_file"]
+    try:
+        return [file for name in names for file in files_of_scene(name, ALL_SCENES[name], source, ASSETS)]
+    except ValueError as error:
+        raise WorkflowError(str(error)) from None
 
 
 def fit_of(wildcards):

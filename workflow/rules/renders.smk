@@ -5,7 +5,7 @@
 rule check_scenes:
     input:
         source=sources("brdfatlas.rendering.scenes"),
-        files=scene_files(SCENES),
+        files=lambda wildcards: scene_files(SCENES),
     output:
         "results/scenes/checked.txt",
     log:

@@ -140,30 +140,31 @@ def read_assets(path: str | Path) -> dict[str, dict[str, Any]]:
     return {check_name(name, str(path)): source for name, source in assets.items()}
 
 
-def check_scenes(
-    config: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]], assets: Iterable[str], *, files: bool = True
-) -> None:
-    """Check the scenes of a run under its settings: a sample a batch or more and, with ``files``, that what they read
-    is there; ``assets``: names of files in data/assets that can be fetched.
-
-    ConfigError names file, scene, key and remedy.
-    """
-    fetched = {Path("data") / "assets" / name for name in assets}
-    render, source = config["render"], config["scenes_file"]
+def check_samples(config: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """ConfigError, naming file and key, if the settings of a run give a scene less than a sample a batch."""
+    render = config["render"]
     for name, scene in scenes.items():
         try:
             check_settings(render["size"], scene["samples"] or render["samples"], render["batches"])
         except SceneError as error:
-            place = f"{source}: {name}" if scene["samples"] else "config: render"
+            place = f"{config['scenes_file']}: {name}" if scene["samples"] else "config: render"
             raise ConfigError(str(error).replace("render", place, 1)) from None
-        named = {f"geometry.{number}": shape["file"] for number, shape in enumerate(scene["geometry"])}
-        named["environment"] = scene["environment"]["file"]
-        for key, file in named.items() if files else ():
-            if file and not Path(file).exists():
-                remedy = "correct the path or leave the scene out"
-                if Path(file) in fetched:
-                    remedy = "`snakemake assets` fetches it"
-                raise ConfigError(f"{source}: {name}.{key}.file: {file}: no such file; {remedy}")
+
+
+def files_of_scene(name: str, scene: Mapping[str, Any], source: str, assets: Iterable[str]) -> list[str]:
+    """The light probe and the meshes that a scene reads; ``assets``: names of those in data/assets that can be fetched.
+
+    ConfigError, naming ``source``, scene, key and remedy, for a file that is not there.
+    """
+    named = {f"geometry.{number}": shape["file"] for number, shape in enumerate(scene["geometry"])}
+    named["environment"] = scene["environment"]["file"]
+    files = {key: file for key, file in named.items() if file}
+    for key, file in files.items():
+        if not Path(file).exists():
+            fetched = Path(file) in [Path("data/assets") / asset for asset in assets]
+            remedy = "`snakemake assets` fetches it" if fetched else "correct the path or leave the scene out"
+            raise ConfigError(f"{source}: {name}.{key}.file: {file}: no such file; {remedy}")
+    return list(files.values())
 
 
 def choose(wanted: str | list[str], known: list[str], key: str, source: str) -> list[str]:

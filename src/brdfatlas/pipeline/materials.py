@@ -73,7 +73,8 @@ def _say_standins(folder: Path, strict: bool) -> None:
             raise ConfigError(f"config: merl_folder: {folder}: no .binary file there, but {path}; {remedy}")
     fault = f"{folder}: no .binary file there"
     if strict:
-        raise ConfigError(f"config: merl_folder: {fault} (strict: true; correct the folder, or set strict: false)")
+        remedy = "correct the folder, or set strict: false; `snakemake merl --config strict=False` downloads"
+        raise ConfigError(f"config: merl_folder: {fault} (strict: true; {remedy})")
     print(f"{fault}; built-in stand-ins are used", file=sys.stderr)
 
 
