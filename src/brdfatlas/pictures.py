@@ -21,6 +21,7 @@ byte e in all three channels. With bytes 0 to 255 (no colour management: `colorS
 which is Ward's RGBE, rounded to nearest: relative error of the largest channel <= 1/255.
 """
 
+import hashlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -148,9 +149,12 @@ def pictures_job(
     *,
     hdr: bool = True,
 ) -> None:
-    """Write the pictures of one material and the list of their names; ``tones``: scene -> (exposure, gamma)."""
+    """Write the pictures of one material and a list of them, {"pictures": {name: SHA-256}}, which changes with any of
+    them; ``tones``: scene -> (exposure, gamma)."""
     named = {scene: Tone(*tone) for scene, tone in tones.items()}
-    write_json(listing, {"pictures": material_pictures(models, named, renders, folder, hdr=hdr)})
+    written = material_pictures(models, named, renders, folder, hdr=hdr)
+    digests = {name: hashlib.sha256((Path(folder) / name).read_bytes()).hexdigest() for name in written}
+    write_json(listing, {"pictures": digests})
 
 
 def colour_bar(table: np.ndarray, ticks: Iterable[tuple[float, str]], title: str) -> str:

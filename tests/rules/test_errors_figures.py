@@ -1,5 +1,6 @@
 """Rules measure_errors, tabulate_errors, draw_pictures, draw_bars, each alone, numbers checked against the files."""
 
+import hashlib
 import json
 import xml.etree.ElementTree as ElementTree
 
@@ -74,9 +75,10 @@ def test_draw_pictures(run_rule, finished_run):
     listing = json.loads(run_rule("draw_pictures", "results/pictures/chrome.json").read_text())["pictures"]
     folder = finished_run.root / "reports" / "materials" / "chrome"
     assert {"studio_sphere-reference.webp", "studio_sphere-ggx-de00.webp", "studio_sphere-ggx-hdr.webp"} <= set(listing)
-    for name in listing:
+    for name, digest in listing.items():
         with Image.open(folder / name) as image:
             assert image.size[0] == 24
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
     image = picture_of(finished_run, "ggx", material="chrome")
     back = decode_hdr(np.array(Image.open(folder / "studio_sphere-ggx-hdr.webp").convert("RGB")))
     assert np.all(np.abs(back - image.mean) <= image.mean.max(-1, keepdims=True) / 255)
@@ -95,10 +97,11 @@ def test_draw_bars(run_rule):
 
 def test_draw_figures(run_rule, finished_run):
     listing = json.loads(run_rule("draw_figures", "results/figures/chrome.json").read_text())["figures"]
-    assert listing == ["functions-gaussian.svg", "functions-ggx.svg", "lobes.svg"]
-    for name in listing:
-        text = (finished_run.root / "reports" / "materials" / "chrome" / name).read_text()
-        assert ElementTree.fromstring(text).tag.endswith("svg")
+    assert list(listing) == ["functions-gaussian.svg", "functions-ggx.svg", "lobes.svg"]
+    for name, digest in listing.items():
+        content = (finished_run.root / "reports" / "materials" / "chrome" / name).read_bytes()
+        assert ElementTree.fromstring(content.decode()).tag.endswith("svg")
+        assert hashlib.sha256(content).hexdigest() == digest
 
 
 def test_lobes_that_somebody_removed_come_back(run_rule):

@@ -1,12 +1,17 @@
 """Rules of the report, each alone: write_assets, write_material_page, write_model_pages, write_index, write_viewer,
-typeset_material, write_supplement."""
+write_uber_texture, typeset_material, write_supplement."""
 
 import json
 import math
+import shutil
 
+import numpy as np
 import pandas as pd
 import pytest
 from pypdf import PdfReader
+
+from brdfatlas import load_fit
+from brdfatlas.uber_texture import load_uber_texture
 
 
 def table(root, name: str) -> pd.DataFrame:
@@ -61,6 +66,24 @@ def test_write_index(run_rule, finished_run):
 def test_write_viewer(run_rule):
     """The small run has no factor model: the viewer says so instead of breaking."""
     assert "no fit of the form" in run_rule("write_viewer", "reports/viewer.html").read_text(encoding="utf-8")
+
+
+def test_write_uber_texture(finished_run, tmp_path):
+    """With a factor model each fit is a row of a texture, and the viewer names the texture and holds the fits."""
+    project = type(finished_run)(tmp_path / "project")
+    shutil.copytree(finished_run.root, project.root)
+    project.configure(models=["ggx", "g_from_d"])
+    done = project.snakemake("--", "reports/viewer.html")
+    assert {"write_uber_texture": 1, "write_viewer": 1}.items() <= project.jobs(done.stdout).items()
+    texture = load_uber_texture(project.root / "reports/data/uber-texture-g_from_d-1.exr")
+    assert texture.materials == texture.standins == ("pink-felt", "chrome")
+    fitted = load_fit(project.root / "results/fits/chrome/g_from_d.npz")
+    for name, values in texture.parameters("chrome").items():
+        np.testing.assert_array_equal(values, fitted.parameters[name])
+    page = (project.root / "reports/viewer.html").read_text(encoding="utf-8")
+    assert "no fit of the form" not in page
+    assert "uber-texture-g_from_d-1.exr" in page
+    assert "g_from_d" in (project.root / "reports/data/viewer.js").read_text(encoding="utf-8")
 
 
 def test_typeset_material(run_rule):

@@ -14,6 +14,7 @@ from brdfatlas.measured import Measured, write_merl
 from brdfatlas.models import MODELS, Registry, load_model_file
 from brdfatlas.models.base import FitError, Model, Option
 from brdfatlas.physics import physics_checks
+from brdfatlas.pipeline.configuration import ConfigError, read_models
 from brdfatlas.pipeline.jobs import fit_job
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -103,6 +104,37 @@ def test_wrong_files_are_named(tmp_path):
     shutil.copy(EXAMPLE, tmp_path / "other.py")
     with pytest.raises(ImportError, match="named 'another'"):
         load_model_file(tmp_path / "other.py", "another")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("import numpy as np", "import numpi", r"line 5: ModuleNotFoundError: No module named 'numpi'"),
+        ("import numpy as np", "import numpy as np\n{}['albedo']", r"line 6: KeyError: 'albedo'"),
+        ("def fit(", "def fit((", r"line 3\d: SyntaxError: "),
+        ('    name = "lambertian"\n', "", "class Lambertian states no name"),
+        ('    equations = "the cosine law"\n', "", "class Lambertian states no equations"),
+        ("import numpy as np", "raise ValueError('one\\ntwo')", "line 5: ValueError: one two"),
+    ],
+)
+def test_a_slip_in_a_file_is_one_line_with_its_place(tmp_path, monkeypatch, old, new, fault):
+    """Also where the file is part of a run: a KeyError of its own is not a model that nobody knows."""
+    monkeypatch.chdir(ROOT)
+    path, models = tmp_path / "slip.py", tmp_path / "models.yaml"
+    text = EXAMPLE.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ImportError, match=rf"^{re.escape(str(path))}: {fault}") as caught:
+        load_model_file(path, "lambertian")
+    assert "\n" not in str(caught.value)
+    models.write_text(f"lambertian: {{source: {path}}}\n")
+    try:
+        with pytest.raises(ConfigError) as told:
+            read_models(models)
+    finally:
+        MODELS._files.pop("lambertian")
+        MODELS._load.cache_clear()
+    assert str(told.value) == f"{models}: lambertian: {caught.value}"
 
 
 def test_wrong_options_and_empty_materials_are_named():

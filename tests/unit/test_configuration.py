@@ -7,7 +7,16 @@ import yaml
 
 from brdfatlas.measured import FILE_BYTES, write_merl
 from brdfatlas.pipeline import configuration
-from brdfatlas.pipeline.configuration import ConfigError, check, choose, read_config, read_models, read_yaml
+from brdfatlas.pipeline.configuration import (
+    ConfigError,
+    check,
+    check_samples,
+    choose,
+    files_of_scene,
+    read_config,
+    read_models,
+    read_yaml,
+)
 from brdfatlas.pipeline.materials import find_materials
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,6 +58,7 @@ def test_every_key_has_default_and_description_and_is_explained():
     [
         ({"render": {"sizes": 3}}, ["render", "sizes", "known keys", "samples"]),
         ({"render": {"samples": 0}}, ["render.samples", "0"]),
+        ({"render": {"batches": 2}}, ["render.batches", "minimum of 3"]),
         ({"strict": "yes"}, ["strict", "boolean"]),
         ({"materials": "chrome"}, ["materials"]),
     ],
@@ -87,6 +97,33 @@ def test_model_faults(tmp_path, models, words):
     with pytest.raises(ConfigError, match=words) as caught:
         read_models(path)
     assert str(path) in str(caught.value)
+
+
+def test_samples_are_checked_under_the_settings_of_the_run():
+    config = read_config({"scenes_file": "mine.yaml", "render": {"samples": 16, "batches": 8}})
+    check_samples(config, {"hall": {"samples": None}})
+    with pytest.raises(ConfigError, match=r"^mine\.yaml: hall\.samples: 4: at least one sample a batch"):
+        check_samples(config, {"hall": {"samples": 4}})
+    config["render"]["samples"] = 6
+    with pytest.raises(ConfigError, match=r"^config: render\.samples: 6: at least one sample a batch"):
+        check_samples(config, {"hall": {"samples": None}})
+
+
+def test_a_file_that_a_scene_lacks_is_named_with_its_key(tmp_path):
+    mesh, gone = tmp_path / "teapot.ply", tmp_path / "gone.ply"
+    mesh.touch()
+
+    def files(environment: str, *meshes: Path) -> list[str]:
+        scene = {"geometry": [{"file": ""}, *({"file": str(m)} for m in meshes)], "environment": {"file": environment}}
+        return files_of_scene("hall", scene, "mine.yaml", ["probe.hdr"])
+
+    assert files("", mesh) == [str(mesh)]
+    with pytest.raises(ConfigError) as caught:
+        files("", mesh, gone)
+    fault = f"mine.yaml: hall.geometry.2.file: {gone}: no such file"
+    assert str(caught.value) == f"{fault}; correct the path or leave the scene out"
+    with pytest.raises(ConfigError, match=r"hall\.environment\.file: .*; `snakemake assets` fetches it"):
+        files("data/assets/probe.hdr")
 
 
 def test_choose_says_what_is_known():
@@ -131,6 +168,27 @@ def test_bad_materials_are_left_out_with_a_reason_and_verdicts_are_kept(tmp_path
         find_materials(config | {"strict": True}, "standins", checks)
 
 
+def test_files_on_which_no_fit_can_be_judged_are_left_out(tmp_path, good_file):
+    """Black ones, and those measured at grazing angles only: image errors are relative to what the reference shows."""
+    import numpy as np
+
+    from brdfatlas.angles import GRID_SHAPE, above_horizon, grid_cosines
+
+    folder = tmp_path / "merl"
+    folder.mkdir()
+    (folder / "good.binary").symlink_to(good_file)
+    black = np.zeros((*GRID_SHAPE, 3), np.float32)
+    write_merl(folder / "black.binary", black)
+    cosines = np.minimum(*grid_cosines())
+    grazing = np.where((above_horizon() & (cosines < np.cos(np.deg2rad(89.1))))[..., None], black + 1, np.nan)
+    write_merl(folder / "grazing.binary", grazing)
+    usable, left_out = find_materials(read_config({"merl_folder": str(folder)}), "standins", tmp_path / "checks.json")
+    assert [m.name for m in usable] == ["good"]
+    reasons = {item.name: item.reason for item in left_out}
+    assert "black, every sample" in reasons["black"]
+    assert "no valid cell with both directions within 89 degrees" in reasons["grazing"]
+
+
 def test_a_mended_file_is_checked_again(tmp_path, good_file):
     folder = tmp_path / "merl"
     folder.mkdir()
@@ -142,16 +200,35 @@ def test_a_mended_file_is_checked_again(tmp_path, good_file):
     assert [m.name for m in find_materials(config, "standins", checks)[0]] == ["m"]
 
 
-def test_standins_where_there_is_no_file(tmp_path):
+def test_standins_where_there_is_no_file(tmp_path, capsys):
     config = read_config({"merl_folder": str(tmp_path / "none")})
     usable, left_out = find_materials(config, "standins", tmp_path / "checks.json")
     assert len(usable) == 4
     assert all(m.standin for m in usable)
     assert left_out == []
+    assert capsys.readouterr().err == f"{tmp_path / 'none'}: no .binary file there; built-in stand-ins are used\n"
+    with pytest.raises(ConfigError, match=r"none: no \.binary file there \(strict: true"):
+        find_materials(config | {"strict": True}, "standins", tmp_path / "checks.json")
     everything = find_materials(config | {"standins": "all"}, "standins", tmp_path / "checks.json")[0]
     assert len(everything) == 100
     with pytest.raises(ConfigError, match="unobtainium"):
         find_materials(config | {"materials": ["unobtainium"]}, "standins", tmp_path / "checks.json")
+
+
+@pytest.mark.parametrize(
+    ("file", "remedy"),
+    [("brdfs/a.binary", "set merl_folder: .*brdfs$"), ("a.BINARY", "rename it"), (".unpacked/a.binary", "")],
+)
+def test_files_that_are_not_quite_where_they_are_looked_for(tmp_path, file, remedy):
+    path = tmp_path / file
+    path.parent.mkdir(exist_ok=True)
+    path.touch()
+    config = read_config({"merl_folder": str(tmp_path)})
+    if not remedy:
+        assert all(m.standin for m in find_materials(config, "standins", tmp_path / "checks.json")[0])
+        return
+    with pytest.raises(ConfigError, match=remedy):
+        find_materials(config, "standins", tmp_path / "checks.json")
 
 
 def test_names_that_could_escape_are_refused():

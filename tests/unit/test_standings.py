@@ -151,7 +151,7 @@ def test_a_material_gets_lobes_and_the_functions_of_the_fits_that_it_has(materia
     figures_job(
         material / "stuff.binary", ["ggx", "gaussian"], {}, material / "fits", material / "out", material / "list.json"
     )
-    assert read_json(material / "list.json") == {"figures": ["functions-ggx.svg", "lobes.svg"]}
+    assert list(read_json(material / "list.json")["figures"]) == ["functions-ggx.svg", "lobes.svg"]
     assert {path.name for path in (material / "out").iterdir()} == {"functions-ggx.svg", "lobes.svg"}
     assert "GGX" in (material / "out" / "lobes.svg").read_text()
 
@@ -179,5 +179,5 @@ def test_a_material_without_any_fit_still_shows_its_own_lobes(material):
     figures_job(
         material / "stuff.binary", ["gaussian"], {}, material / "fits", material / "out", material / "list.json"
     )
-    assert read_json(material / "list.json") == {"figures": ["lobes.svg"]}
+    assert list(read_json(material / "list.json")["figures"]) == ["lobes.svg"]
     assert (material / "out" / "lobes.svg").stat().st_size > 1000

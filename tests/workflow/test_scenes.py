@@ -1,4 +1,4 @@
-"""Scenes in the workflow: a new one renders only itself, a missing file stops the run before any rendering."""
+"""Scenes in the workflow: a new one renders only itself, a missing file stops the run before any work."""
 
 import numpy as np
 import yaml
@@ -37,10 +37,10 @@ def test_a_new_scene_renders_only_itself(project):
     assert project.planned("--", first, second) == {}
 
 
-def test_a_missing_probe_stops_before_rendering(project):
+def test_a_missing_probe_stops_before_any_work(project):
     add_scene(project, "mine", environment={"kind": "file", "file": "data/assets/gone.hdr"})
     done = project.snakemake("--", f"{RENDERS}/mine.exr", check=False)
     assert done.returncode != 0
     fault = "config/scenes.yaml: mine.environment.file: data/assets/gone.hdr: no such file"
     assert [line for line in done.stdout.splitlines() if fault in line]
-    assert not (project.root / "results" / "renders").exists()
+    assert not list((project.root / "results").rglob("*.npz"))

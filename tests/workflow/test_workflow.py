@@ -1,7 +1,11 @@
 """The pipeline as a whole: lint, plan, run, nothing left to do, and exactly what each kind of change reruns."""
 
 import json
+import os
 import re
+import shutil
+import subprocess
+from pathlib import Path
 
 import pytest
 import yaml
@@ -9,8 +13,6 @@ import yaml
 
 def change(path, text):
     """Append ``text`` to a file and return a function that puts the old content back with its time stamp."""
-    import os
-
     old, status = path.read_bytes(), path.stat()
     path.write_bytes(old + text.encode())
 
@@ -108,6 +110,22 @@ def test_a_new_material_costs_that_material_only(finished_run):
     assert planned["make_standin"] == 1
     assert planned["fit_model"] == 2
     assert planned["render_material"] == 4
+    assert planned["write_material_page"] == 2, "its own, and that of chrome, which links to it"
+    assert planned["draw_pictures"] == planned["draw_figures"] == 1
+
+
+def test_a_template_reruns_what_is_made_of_it(finished_run):
+    """Pages and PDF have templates of their own."""
+    templates = finished_run.root / "src" / "brdfatlas" / "reports" / "templates"
+    targets = ["--", "reports/index.html", "results/pdf/chrome.pdf"]
+    finished_run.snakemake(*targets)
+    for name, page, pdf in (("material.html.j2", True, False), ("supplement.typ", False, True)):
+        restore = change(templates / name, "\n")
+        try:
+            planned = finished_run.planned(*targets)
+        finally:
+            restore()
+        assert ("write_material_page" in planned, "typeset_material" in planned) == (page, pdf), name
 
 
 def test_a_new_scene_fits_nothing(finished_run):
@@ -161,10 +179,58 @@ def test_manifest_says_what_is_needed_to_repeat_the_run(finished_run):
     assert all(len(item["sha256"]) == 64 and item["standin"] for item in run["inputs"])
 
 
+def test_the_record_follows_a_commit(finished_run):
+    """A commit costs the record and the pages that show it, nothing else."""
+    root, record = finished_run.root, finished_run.root / "results" / "run.json"
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-c", "user.name=a", "-c", "user.email=a@b.c", *arguments]
+        return subprocess.run(command, cwd=root, check=True, capture_output=True, text=True).stdout.strip()
+
+    def recorded() -> str:
+        finished_run.snakemake("--", "results/run.json")
+        return json.loads(record.read_text())["revision"]
+
+    assert recorded() == "unknown"
+    git("init", "--quiet")
+    try:
+        git("add", "Snakefile")
+        for _ in range(2):
+            git("commit", "--quiet", "--allow-empty", "--message", "one more")
+            planned = finished_run.planned()
+            assert planned.keys() - {"all"} == {"record_run", "write_index", "check_failures"}
+            assert recorded() == git("rev-parse", "--short=12", "HEAD")
+    finally:
+        shutil.rmtree(root / ".git")
+        finished_run.snakemake()
+    assert recorded() == "unknown"
+
+
+@pytest.mark.slow
+def test_a_model_of_an_installed_package_is_a_part_of_it_in_every_job(finished_run, tmp_path):
+    """Its imports may be relative to its package."""
+    package, project = tmp_path / "site" / "outside", type(finished_run)(tmp_path / "project")
+    shutil.copytree(finished_run.root, project.root)
+    package.mkdir(parents=True)
+    text = (Path(__file__).resolve().parents[2] / "examples" / "lambertian.py").read_text()
+    (package / "__init__.py").write_text("")
+    (package / "bound.py").write_text("import numpy as np\n")
+    (package / "lambertian.py").write_text(text.replace("import numpy as np", "from .bound import np"))
+    info = package.parent / "outside-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: outside\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[brdfatlas.models]\nlambertian = outside.lambertian:Lambertian\n")
+    with open(project.root / "config" / "models.yaml", "a", encoding="utf-8") as models:
+        models.write("lambertian: {}\n")
+    project.configure(models=["ggx", "lambertian"])
+    path = os.pathsep.join([str(project.root / "src"), str(package.parent)])
+    project.snakemake("--", "results/figures/chrome.json", PYTHONPATH=path)
+    assert json.loads((project.root / "results/fits/chrome/lambertian.json").read_text())["status"] == "ok"
+    assert "Lambertian" in (project.root / "reports/materials/chrome/lobes.svg").read_text()
+
+
 @pytest.mark.slow
 def test_a_model_of_ones_own_joins_with_one_line(finished_run, tmp_path):
-    from pathlib import Path
-
     toy = Path(__file__).resolve().parents[2] / "examples" / "lambertian.py"
     path = finished_run.root / "config" / "models.yaml"
     old = path.read_text()

@@ -67,7 +67,7 @@ rule write_ablation:
         pictures=expand("results/ablation/{material}.json", material=ABLATED),
         assets=expand("reports/assets/{asset}", asset=asset_names()),
         source=sources("brdfatlas.reports.ablation_page"),
-        templates=beside_site("templates"),
+        templates=beside_site("templates", ".j2"),
     output:
         page="reports/ablation.html",
         tables=["reports/data/ablation.tsv", "reports/data/ablation_brdf.tsv"],

@@ -5,7 +5,16 @@ import os
 import sys
 from pathlib import Path
 
-from brdfatlas.pipeline.configuration import choose, read_assets, read_config, read_models, read_variants
+from brdfatlas.pipeline.configuration import (
+    check_samples,
+    choose,
+    files_of_scene,
+    read_assets,
+    read_config,
+    read_models,
+    read_variants,
+)
+from brdfatlas.pipeline.jobs import revision, versions
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.progress import Progress
 from brdfatlas.pipeline.recovery import record_outputs, recover
@@ -27,6 +36,7 @@ try:
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
     VARIANTS = read_variants(config["ablation"], ALL_MODELS)
     ASSETS = read_assets("config/assets.yaml")
+    check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     if STARTING:
         recover(["src", "workflow", "config", config["merl_folder"]])
     FOUND, LEFT_OUT = find_materials(config, "results/standins", "results/materials/checks.json")
@@ -83,16 +93,25 @@ def first_material_first(wildcards):
     return len(MATERIALS) - MATERIALS.index(wildcards.material)
 
 
+def neighbours(wildcards):
+    """A material between those before and after it, to which its page links."""
+    place = MATERIALS.index(wildcards.material)
+    return MATERIALS[max(0, place - 1) : place + 2]
+
+
 def model_sources(wildcards):
     """The model's own file and what it imports: editing one model refits that model only."""
     return sources(FITTED[wildcards.model]["module"], "brdfatlas.fits", "brdfatlas.physics")
 
 
 def scene_files(names):
-    """The light probes and meshes that these scenes read; a missing one is reported by check_scenes, by its key."""
-    shapes = [shape for name in names for shape in ALL_SCENES[name]["geometry"]]
-    files = [item["file"] for item in shapes + [ALL_SCENES[name]["environment"] for name in names]]
-    return [file for file in files if file and Path(file).is_file()]
+    """The light probes and meshes that these scenes read. One that is not there stops a run when it is planned, before
+    any work; downloads need no scene, so they are not stopped."""
+    source = config["scenes_file"]
+    try:
+        return [file for name in names for file in files_of_scene(name, ALL_SCENES[name], source, ASSETS)]
+    except ValueError as error:
+        raise WorkflowError(str(error)) from None
 
 
 def fit_of(wildcards):
@@ -105,10 +124,10 @@ def fit_of(wildcards):
     }
 
 
-def beside_site(folder):
-    """Files of the reports package that are no modules: templates and assets."""
+def beside_site(folder, ending=""):
+    """Files of the reports package that are no modules: templates (".j2" of pages, ".typ" of the PDF) and assets."""
     package = Path(os.path.relpath(module_path("brdfatlas.reports.site").parent))
-    return sorted(str(path) for path in (package / folder).iterdir() if not path.name.startswith("."))
+    return sorted(str(path) for path in (package / folder).glob(f"[!.]*{ending}"))
 
 
 def texture_rows(wildcards):

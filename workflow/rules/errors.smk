@@ -2,7 +2,7 @@
 import re
 
 TONES = {name: (ALL_SCENES[name]["exposure"], ALL_SCENES[name]["gamma"]) for name in SCENES}
-MODEL_FILES = {name: ALL_MODELS[name]["module"] for name in MODELS if ALL_MODELS[name]["module"].endswith(".py")}
+MODEL_FILES = {name: OWN_MODELS[name] for name in MODELS if name in OWN_MODELS}
 RENDERS = expand(
     "results/renders/{{material}}/{model}/{scene}.exr", model=["reference", "reference_again", *MODELS], scene=SCENES
 )

@@ -32,6 +32,7 @@ rule check_failures:
     input:
         reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
         report="reports/index.html",
+        source=sources("brdfatlas.pipeline.jobs"),
     output:
         "results/verdict.txt",
     log:

@@ -1,6 +1,11 @@
 # .binary files in; stand-ins where there are none; a description of each material and of the run.
 
 
+# A node of a cluster may have no git: the revision is asked for where the run is started.
+localrules:
+    record_run,
+
+
 rule make_standin:
     input:
         source=sources("brdfatlas.standins"),
@@ -24,7 +29,7 @@ rule make_standin:
 rule describe_material:
     input:
         binary=binary_of,
-        source=sources("brdfatlas.measured", "brdfatlas.diffuseness", "brdfatlas.physics"),
+        source=sources("brdfatlas.pipeline.jobs"),
     output:
         "results/materials/{material}.json",
     log:
@@ -46,6 +51,7 @@ rule describe_material:
 rule record_run:
     input:
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
+        source=sources("brdfatlas.pipeline.jobs"),
     output:
         "results/run.json",
     log:
@@ -60,6 +66,8 @@ rule record_run:
         models={name: ALL_MODELS[name]["options"] for name in MODELS},
         materials=BINARIES,
         left_out=[vars(item) for item in LEFT_OUT],
+        revision=lambda wildcards: revision(Path.cwd()),
+        versions=versions(),
     message:
         "recording configuration, versions and inputs"
     script:

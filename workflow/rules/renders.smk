@@ -5,7 +5,7 @@
 rule check_scenes:
     input:
         source=sources("brdfatlas.rendering.scenes"),
-        files=scene_files(SCENES),
+        files=lambda wildcards: scene_files(SCENES),
     output:
         "results/scenes/checked.txt",
     log:
@@ -73,6 +73,8 @@ rule render_material:
     params:
         scenes=SCENES,
         settings={key: config["render"][key] for key in ("samples", "batches", "seed", "variant")},
+        # Another version may draw other samples: reference and fits are rendered by one.
+        renderer={name: versions()[name] for name in ("mitsuba", "drjit")},
         scene_samples={name: ALL_SCENES[name]["samples"] for name in SCENES},
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:

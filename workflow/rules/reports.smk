@@ -36,7 +36,7 @@ rule write_material_page:
         assets=expand("reports/assets/{asset}", asset=asset_names()),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
         source=sources(SITE),
-        templates=beside_site("templates"),
+        templates=beside_site("templates", ".j2"),
     output:
         page="reports/materials/{material}.html",
         thumbnail="reports/materials/{material}/thumb.webp",
@@ -55,7 +55,7 @@ rule write_material_page:
         pictures="reports/materials/{material}",
         data=lambda wildcards, output: str(Path(output.tables[0]).parent),
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
-        materials=MATERIALS,
+        materials=neighbours,
         models=MODELS,
         model_files=MODEL_FILES,
         scenes=SHOWN_SCENES,
@@ -73,7 +73,7 @@ rule write_model_pages:
         pictures=expand("results/pictures/{material}.json", material=MATERIALS),
         assets=expand("reports/assets/{asset}", asset=asset_names()),
         source=sources(SITE),
-        templates=beside_site("templates"),
+        templates=beside_site("templates", ".j2"),
     output:
         pages=expand("reports/models/{model}.html", model=MODELS),
         tables=expand("reports/data/model-{model}.{table}.tsv", model=MODELS, table=MODEL_TABLES),
@@ -109,7 +109,7 @@ rule write_index:
         compare="reports/compare.html",
         viewer="reports/viewer.html",
         source=sources(SITE),
-        templates=beside_site("templates"),
+        templates=beside_site("templates", ".j2"),
     output:
         page="reports/index.html",
         script="reports/data/atlas.js",
@@ -143,7 +143,7 @@ rule write_index:
 rule write_assets:
     input:
         source=sources(SITE),
-        templates=beside_site("templates"),
+        templates=beside_site("templates", ".j2"),
         assets=beside_site("assets"),
     output:
         assets=expand("reports/assets/{asset}", asset=asset_names()),
@@ -175,7 +175,7 @@ rule typeset_material:
         figures="results/figures/{material}.json",
         bars="reports/assets/bar-de00.svg",
         source=sources(PDF),
-        templates=beside_site("templates"),
+        templates=beside_site("templates", ".typ"),
     output:
         "results/pdf/{material}.pdf",
     log:
@@ -205,7 +205,7 @@ rule write_supplement:
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         parts=expand("results/pdf/{material}.pdf", material=MATERIALS),
         source=sources(PDF),
-        templates=beside_site("templates"),
+        templates=beside_site("templates", ".typ"),
     output:
         report(
             "reports/supplement.pdf",
@@ -262,7 +262,7 @@ rule write_viewer:
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         scenes=expand("results/scenes/{scene}.npz", scene=SCENES),
         source=sources("brdfatlas.reports.viewer"),
-        templates=beside_site("templates"),
+        templates=beside_site("templates", ".j2"),
     output:
         page="reports/viewer.html",
         script="reports/data/viewer.js",

@@ -10,7 +10,7 @@ rule write_standings:
         summary="reports/assets/summary.svg",
         models=expand("reports/models/{model}.html", model=MODELS),
         source=sources(STANDINGS),
-        templates=beside_site("templates"),
+        templates=beside_site("templates", ".j2"),
     output:
         page="reports/standings.html",
         tables=expand("reports/data/{table}.tsv", table=STANDINGS_TABLES),

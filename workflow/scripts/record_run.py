@@ -6,5 +6,6 @@ from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):
     p = snakemake.params
-    record = manifest(p.config, p.models, p.materials, p.left_out, snakemake.input.descriptions)
+    descriptions = snakemake.input.descriptions
+    record = manifest(p.config, p.models, p.materials, p.left_out, descriptions, p.revision, p.versions)
     write_json(snakemake.output[0], record)

@@ -1,5 +1,6 @@
 """Which figures a material and a run get. The body of the rules draw_figures and draw_summary."""
 
+import hashlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -50,7 +51,8 @@ def figures_job(
     folder: str | os.PathLike,
     listing: str | os.PathLike,
 ) -> None:
-    """Draw the figures of one material into ``folder`` and write the list of their names, {"figures": [...]}.
+    """Draw the figures of one material into ``folder`` and write a list of them, {"figures": {name: SHA-256}}, which
+    changes with any of them.
 
     lobes.svg with every model that has a fit (the reference alone if none has); functions-{model}.svg where a model has
     an NDF and a Fresnel curve; for factor models factors-{model}.svg, convergence-{model}.svg, slices.webp and
@@ -84,7 +86,8 @@ def figures_job(
         for path in folder.glob(pattern):
             if path.name not in drawn:
                 path.unlink()
-    write_json(listing, {"figures": sorted(drawn)})
+    digests = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in sorted(drawn)}
+    write_json(listing, {"figures": digests})
 
 
 def summary_job(

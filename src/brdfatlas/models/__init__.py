@@ -9,7 +9,9 @@ import importlib.util
 import inspect
 import json
 import os
+import traceback
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -42,20 +44,42 @@ BUILTIN = {
 }
 
 
+#: What a class must say of its model, beside ``fit`` and ``evaluate``.
+STATED = ("name", "title", "paper", "equations", "formula", "parameters")
+
+
 def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
-    found = [
+    classes = [
         item
         for item in vars(module).values()
         if inspect.isclass(item)
         and issubclass(item, Model)
         and not inspect.isabstract(item)
         and item.__module__ == module.__name__
-        and (name is None or item.name == name)
     ]
+    found = [item for item in classes if name is None or getattr(item, "name", None) == name]
+    for item in found or classes:
+        for attribute in STATED:
+            if not hasattr(item, attribute):
+                raise ImportError(f"{origin}: class {item.__name__} states no {attribute}")
     if len(found) != 1:
         wanted = f"named {name!r}" if name else "and no more"
         raise ImportError(f"{origin}: expected one Model class {wanted}, found {len(found)}")
     return found[0]
+
+
+@contextmanager
+def _loading(origin: str, file: str = "") -> Iterator[None]:
+    """Any fault in the code of a model from outside as ImportError: one line, with the number of that in ``file``."""
+    try:
+        yield
+    except Exception as error:
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+        if isinstance(error, SyntaxError) and error.filename == file:
+            lines = [error.lineno]
+        place = f"line {lines[-1]}: " if lines else ""
+        message = error.msg if isinstance(error, SyntaxError) else str(error)
+        raise ImportError(" ".join(f"{origin}: {place}{type(error).__name__}: {message}".split())) from error
 
 
 def load_model_file(path: str | Path, name: str | None = None) -> Model:
@@ -67,7 +91,8 @@ def load_model_file(path: str | Path, name: str | None = None) -> Model:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    with _loading(str(path), str(spec.origin)):
+        spec.loader.exec_module(module)
     return _only_model(module, str(path), name)()
 
 
@@ -104,14 +129,12 @@ class Registry(Mapping[str, Model]):
             return _only_model(importlib.import_module(BUILTIN[name]), BUILTIN[name], name)()
         for point in entry_points(group="brdfatlas.models"):
             if point.name == name:
-                return point.load()()
-        raise KeyError(name)
+                with _loading(point.value):
+                    return point.load()()
+        raise KeyError(f"unknown model {name!r}; known: {', '.join(self)}")
 
     def __getitem__(self, name: str) -> Model:
-        try:
-            return self._load(name)
-        except KeyError:
-            raise KeyError(f"unknown model {name!r}; known: {', '.join(self)}") from None
+        return self._load(name)
 
 
 MODELS = Registry()

@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import jsonschema
 import yaml
 
 from brdfatlas.models import BUILTIN, MODELS
+from brdfatlas.rendering.scenes import SceneError, check_settings
 
 SCHEMAS = Path("workflow") / "schemas"
 #: Names that become folders, wildcards and addresses: nothing that a shell, a path or a page could misread.
@@ -97,7 +98,7 @@ def read_models(path: str | Path) -> dict[str, dict[str, Any]]:
             MODELS[name].check_options(options)
         except KeyError as error:
             raise ConfigError(f"{path}: {name}: {error.args[0]}; a model of your own needs source: FILE.py") from None
-        except (ValueError, ImportError, SyntaxError) as error:
+        except (ValueError, ImportError) as error:
             raise ConfigError(f"{path}: {name}: {error}".replace("\n", " ")) from None
         models[name] = _model(name, options, source)
     return models
@@ -137,6 +138,33 @@ def read_assets(path: str | Path) -> dict[str, dict[str, Any]]:
     """config/assets.yaml: name of a file in data/assets -> where it comes from."""
     assets = check(read_yaml(path), read_yaml(SCHEMAS / "assets.schema.yaml"), str(path))
     return {check_name(name, str(path)): source for name, source in assets.items()}
+
+
+def check_samples(config: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """ConfigError, naming file and key, if the settings of a run give a scene less than a sample a batch."""
+    render = config["render"]
+    for name, scene in scenes.items():
+        try:
+            check_settings(render["size"], scene["samples"] or render["samples"], render["batches"])
+        except SceneError as error:
+            place = f"{config['scenes_file']}: {name}" if scene["samples"] else "config: render"
+            raise ConfigError(str(error).replace("render", place, 1)) from None
+
+
+def files_of_scene(name: str, scene: Mapping[str, Any], source: str, assets: Iterable[str]) -> list[str]:
+    """The light probe and the meshes that a scene reads; ``assets``: names of those in data/assets that can be fetched.
+
+    ConfigError, naming ``source``, scene, key and remedy, for a file that is not there.
+    """
+    named = {f"geometry.{number}": shape["file"] for number, shape in enumerate(scene["geometry"])}
+    named["environment"] = scene["environment"]["file"]
+    files = {key: file for key, file in named.items() if file}
+    for key, file in files.items():
+        if not Path(file).exists():
+            fetched = Path(file) in [Path("data/assets") / asset for asset in assets]
+            remedy = "`snakemake assets` fetches it" if fetched else "correct the path or leave the scene out"
+            raise ConfigError(f"{source}: {name}.{key}.file: {file}: no such file; {remedy}")
+    return list(files.values())
 
 
 def choose(wanted: str | list[str], known: list[str], key: str, source: str) -> list[str]:

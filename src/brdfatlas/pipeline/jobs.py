@@ -152,19 +152,26 @@ PACKAGES = (
 )
 
 
+def versions() -> dict[str, str]:
+    """Versions of Python, of this package and of those that make results."""
+    ours = {"python": platform.python_version(), "brdfatlas": __version__}
+    return ours | {name: version(name) for name in PACKAGES}
+
+
 def manifest(
     config: Mapping[str, Any],
     models: Mapping[str, Any],
     materials: Mapping[str, str],
     left_out: Sequence[Mapping],
     descriptions: Sequence[str],
+    revision: str,
+    versions: Mapping[str, str],
 ) -> dict[str, Any]:
     """Everything that is needed to repeat a run: configuration, seeds, versions, inputs with checksums, revision."""
     described = [json.loads(Path(path).read_text(encoding="utf-8")) for path in descriptions]
     return {
-        "revision": revision(Path.cwd()),
-        "versions": {"python": platform.python_version(), "brdfatlas": __version__}
-        | {name: version(name) for name in PACKAGES},
+        "revision": revision,
+        "versions": versions,
         "machine": f"{platform.system()} {platform.machine()}",
         "config": config,
         "models": models,

@@ -1,5 +1,6 @@
 """The materials of a run: what is in the folder, what of it can be used, and why the rest is left out."""
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,8 +8,12 @@ from typing import Any
 
 from brdfatlas.files import read_json, write_json
 from brdfatlas.measured import MeasuredError, read_merl
+from brdfatlas.objectives import importance_weight
 from brdfatlas.pipeline.configuration import NAME, ConfigError, choose
 from brdfatlas.standins import standin_names
+
+#: Of what :func:`_fault` looks for: verdicts of an older one are not believed.
+EDITION = 2
 
 
 @dataclass(frozen=True)
@@ -34,9 +39,10 @@ def find_materials(
 ) -> tuple[list[Material], list[LeftOut]]:
     """Materials of the run and what is left out of it.
 
-    MERL files of ``config["merl_folder"]`` if it holds any, else built-in stand-ins. Every file is read and checked
-    once; verdicts are kept in ``checks`` by size and time stamp. ConfigError for an unknown name, for nothing at
-    all to work on, and under ``strict`` for the first file that cannot be used.
+    MERL files of ``config["merl_folder"]`` if it holds any, else built-in stand-ins, with a line that says so. Every
+    file is read and checked once; verdicts are kept in ``checks`` by size and time stamp. ConfigError for an unknown
+    name, for nothing at all to work on, for files that are not quite where they are looked for, and under ``strict``
+    for the first file that cannot be used, and for none.
     """
     folder = Path(config["merl_folder"])
     found = sorted(folder.glob("*.binary")) if folder.is_dir() else []
@@ -44,6 +50,7 @@ def find_materials(
     files = {path.stem: path for path in found if not path.name.startswith(".")}
     wanted = config["materials"]
     if not files:
+        _say_standins(folder, config["strict"])
         known = standin_names()
         names = choose(wanted, known, "materials", "config") if wanted != "all" else None
         if names is None:
@@ -60,6 +67,20 @@ def find_materials(
     return usable, left_out
 
 
+def _say_standins(folder: Path, strict: bool) -> None:
+    """Say that stand-ins are used; ConfigError where measured files were probably meant."""
+    for path in sorted(folder.rglob("*")) if folder.is_dir() else []:
+        inside = path.relative_to(folder)
+        if path.suffix.lower() == ".binary" and not any(part.startswith(".") for part in inside.parts):
+            remedy = f"set merl_folder: {path.parent}" if len(inside.parts) > 1 else "rename it to end in .binary"
+            raise ConfigError(f"config: merl_folder: {folder}: no .binary file there, but {path}; {remedy}")
+    fault = f"{folder}: no .binary file there"
+    if strict:
+        remedy = "correct the folder, or set strict: false; `snakemake merl --config strict=False` downloads"
+        raise ConfigError(f"config: merl_folder: {fault} (strict: true; {remedy})")
+    print(f"{fault}; built-in stand-ins are used", file=sys.stderr)
+
+
 def _checked(files: Mapping[str, Path], checks: Path) -> dict[str, str]:
     """name -> "" if the file is good, else why not."""
     try:
@@ -70,7 +91,7 @@ def _checked(files: Mapping[str, Path], checks: Path) -> dict[str, str]:
     for name, path in files.items():
         try:
             status = path.stat()
-            stamp = f"{status.st_size} {status.st_mtime_ns} {status.st_mode}"
+            stamp = f"{EDITION} {status.st_size} {status.st_mtime_ns} {status.st_mode}"
         except OSError:
             stamp = ""
         old = known.get(str(path), {})
@@ -86,7 +107,12 @@ def _fault(name: str, path: Path) -> str:
     if not NAME.match(name):
         return f"{path}: the name may have letters, digits, '.', '_' and '-' only; rename the file"
     try:
-        read_merl(path)
+        measured = read_merl(path)
     except MeasuredError as error:
         return str(error)
+    counted = importance_weight(measured.valid) > 0
+    if not counted.any():
+        return f"{path}: no valid cell with both directions within 89 degrees of the normal, where fits are judged"
+    if not measured.table[counted].any():
+        return f"{path}: black, every sample within 89 degrees of the normal is 0"
     return ""
