@@ -16,7 +16,9 @@ import numpy as np
 from brdfatlas.files import read_npz, write_npz
 from brdfatlas.rendering.environments import ProbeError, environment_image
 
-ROOT = Path(__file__).resolve().parents[3]
+#: scenes.yaml and its schema beside this file are links into config/ and workflow/schemas/, copies in an installed
+#: package.
+HERE = Path(__file__).parent
 #: Keys of a shape that say something about it, beside shape, surface and position.
 _KEYS = {"sphere": {"size"}, "floor": {"size", "turn"}, "statue": {"size", "turn"}, "mesh": {"size", "turn", "file"}}
 _DEFAULTS = {"surface": "material", "position": [0, 0, 0], "size": 1, "turn": 0, "file": ""}
@@ -27,9 +29,9 @@ class SceneError(ValueError):
 
 
 def scenes_file() -> Path:
-    """config/scenes.yaml of the working directory, else of the project that this package is installed from."""
+    """config/scenes.yaml of the working directory, else the built-in scenes of the package."""
     local = Path("config") / "scenes.yaml"
-    return local if local.is_file() else ROOT / local
+    return local if local.is_file() else HERE / "scenes.yaml"
 
 
 def read_scenes(path: str | Path | None = None) -> dict[str, dict[str, Any]]:
@@ -41,7 +43,7 @@ def read_scenes(path: str | Path | None = None) -> dict[str, dict[str, Any]]:
     from brdfatlas.pipeline.configuration import check, check_name, complete, read_yaml
 
     path = Path(path) if path else scenes_file()
-    schema = read_yaml(ROOT / "workflow" / "schemas" / "scenes.schema.yaml")
+    schema = read_yaml(HERE / "scenes.schema.yaml")
     scenes = read_yaml(path)
     if isinstance(scenes, Mapping):
         for scene in scenes.values():
