@@ -249,7 +249,7 @@ def findings(materials: Sequence[Material], rows: Sequence[Mapping[str, Any]]) -
     if len(quick) > 1:
         fastest = min(quick, key=lambda row: row["seconds"])
         text += f". The fastest fit is {fastest['title']}, {duration(fastest['seconds'])} a material"
-        text += f", at {_mean_in_words(fastest)}"
+        text += f", with {_mean_in_words(fastest)}"
     names = [row["name"] for row in alive if math.isfinite(row["scores"]["psnr_db"].mean)]
     hardest = {m.title: _mean_over(m, names) for m in materials}
     hardest = {title: value for title, value in hardest.items() if not math.isnan(value)}
