@@ -1,10 +1,11 @@
 """Files appear whole or not at all; npz files hold no pickles and no clock."""
 
+import hashlib
 import json
 import os
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -80,3 +81,8 @@ def read_npz(path: str | os.PathLike) -> dict[str, np.ndarray]:
     """Read an npz file without pickle."""
     with np.load(path, allow_pickle=False) as store:
         return {name: store[name] for name in store.files}
+
+
+def digests(folder: str | os.PathLike, names: Iterable[str]) -> dict[str, str]:
+    """name -> SHA-256 of files in a folder, for a list that changes with any of them."""
+    return {name: hashlib.sha256((Path(folder) / name).read_bytes()).hexdigest() for name in names}

@@ -21,7 +21,6 @@ byte e in all three channels. With bytes 0 to 255 (no colour management: `colorS
 which is Ward's RGBE, rounded to nearest: relative error of the largest channel <= 1/255.
 """
 
-import hashlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -30,7 +29,7 @@ import numpy as np
 from PIL import Image
 
 from brdfatlas.errors import REFERENCE, REFERENCE_AGAIN, Tone, delta_e_map, displayed, flip_map, to_8_bit
-from brdfatlas.files import atomic_path, write_json, write_text
+from brdfatlas.files import atomic_path, digests, write_json, write_text
 from brdfatlas.images import Render, load_render, tone_map
 
 #: Rec. 709 luminance of linear rgb.
@@ -153,8 +152,7 @@ def pictures_job(
     them; ``tones``: scene -> (exposure, gamma)."""
     named = {scene: Tone(*tone) for scene, tone in tones.items()}
     written = material_pictures(models, named, renders, folder, hdr=hdr)
-    digests = {name: hashlib.sha256((Path(folder) / name).read_bytes()).hexdigest() for name in written}
-    write_json(listing, {"pictures": digests})
+    write_json(listing, {"pictures": digests(folder, written)})
 
 
 def colour_bar(table: np.ndarray, ticks: Iterable[tuple[float, str]], title: str) -> str:

@@ -54,7 +54,7 @@ def summarise(errors: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str]
     beside it.
     """
     table = errors.merge(classes, on="material", how="left", validate="many_to_one")
-    found = {}
+    rows = []
     scenes = ["all", *dict.fromkeys(table["scene"])]
     order = _order(table["model"], models)
     for class_name, members in _groups(table):
@@ -72,8 +72,8 @@ def summarise(errors: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str]
                 row["bounds"] = int(np.isinf(good["psnr_se_db"]).sum())
                 for measure in AVERAGED:
                     row[f"{measure}_mean"], row[f"{measure}_median"] = good[measure].mean(), good[measure].median()
-                found[model, class_name, scene] = row
-    return pd.DataFrame([row for model in order for key, row in found.items() if key[0] == model])
+                rows.append(row)
+    return pd.DataFrame(sorted(rows, key=lambda row: order.index(row["model"])))
 
 
 def summarise_brdf(brdf: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:

@@ -46,6 +46,8 @@ except ValueError as error:
 # What can be fitted: the models, and those of the ablation with other options.
 FITTED = ALL_MODELS | VARIANTS
 
+VERSIONS = versions()
+
 # Models of your own, for every job that loads a fit of one.
 OWN_MODELS = {name: model["source"] for name, model in ALL_MODELS.items() if model["source"]}
 os.environ.update(BRDFATLAS_MODELS=json.dumps(OWN_MODELS))

@@ -67,7 +67,7 @@ rule record_run:
         materials=BINARIES,
         left_out=[vars(item) for item in LEFT_OUT],
         revision=lambda wildcards: revision(Path.cwd()),
-        versions=versions(),
+        versions=VERSIONS,
     message:
         "recording configuration, versions and inputs"
     script:

@@ -74,7 +74,7 @@ rule render_material:
         scenes=SCENES,
         settings={key: config["render"][key] for key in ("samples", "batches", "seed", "variant")},
         # Another version may draw other samples: reference and fits are rendered by one.
-        renderer={name: versions()[name] for name in ("mitsuba", "drjit")},
+        renderer={name: VERSIONS[name] for name in ("mitsuba", "drjit")},
         scene_samples={name: ALL_SCENES[name]["samples"] for name in SCENES},
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:

@@ -1,6 +1,5 @@
 """Which figures a material and a run get. The body of the rules draw_figures and draw_summary."""
 
-import hashlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -9,7 +8,7 @@ from brdfatlas.figures.factors import plot_convergence, plot_factors, plot_slice
 from brdfatlas.figures.functions import plot_functions
 from brdfatlas.figures.lobes import plot_lobes
 from brdfatlas.figures.summary import plot_summary
-from brdfatlas.files import read_json, write_json
+from brdfatlas.files import digests, read_json, write_json
 from brdfatlas.fits import Fit, load_fit
 from brdfatlas.measured import read_merl
 from brdfatlas.models import MODELS
@@ -86,8 +85,7 @@ def figures_job(
         for path in folder.glob(pattern):
             if path.name not in drawn:
                 path.unlink()
-    digests = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in sorted(drawn)}
-    write_json(listing, {"figures": digests})
+    write_json(listing, {"figures": digests(folder, sorted(drawn))})
 
 
 def summary_job(
