@@ -18,7 +18,7 @@ from brdfatlas import microfacet
 from brdfatlas.angles import above_horizon, grid_axes, grid_cosines
 from brdfatlas.fits import fit
 from brdfatlas.measured import read_merl, write_merl
-from brdfatlas.solvers import power_iteration
+from brdfatlas.models.dupuy2015 import power_iteration
 
 MODELS = ("tabulated", "gaussian", "ggx")
 

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas import errors, pictures
-from brdfatlas.images import Render
+from brdfatlas.figures import pictures
+from brdfatlas.measures import errors
+from brdfatlas.rendering.images import Render
 
 
 def seconds(function, repeats: int = 5, clock=time.thread_time) -> float:

@@ -18,8 +18,8 @@ import numpy as np
 
 from brdfatlas.fits import fit
 from brdfatlas.measured import extend, read_merl
-from brdfatlas.models.lawrence import outgoing_samples
-from brdfatlas.models.tucker import RESOLUTION, log_tensor
+from brdfatlas.models.factorised.lawrence import outgoing_samples
+from brdfatlas.models.factorised.tucker import RESOLUTION, log_tensor
 from brdfatlas.objectives import log_deviation
 from brdfatlas.solvers import nmf, tensor
 
@@ -104,7 +104,7 @@ if __name__ == "__main__":
     if sys.argv[1:]:
         main([Path(p) for p in sys.argv[1:]])
     else:
-        from brdfatlas.standins import write_standin
+        from brdfatlas.pipeline.standins import write_standin
 
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "alum-bronze.binary"

@@ -21,11 +21,11 @@ import numpy as np
 
 from brdfatlas.fits import fit
 from brdfatlas.measured import Measured, read_merl
-from brdfatlas.models.factors import slices
-from brdfatlas.models.naive import naive_problem
+from brdfatlas.models.bagher2016.awls import CLAMP, Channel, Geometry
+from brdfatlas.models.bagher2016.factors import slices
+from brdfatlas.models.bagher2016.microfacet_factors import FactorProblem
+from brdfatlas.models.bagher2016.naive import naive_problem
 from brdfatlas.objectives import compressive_weights
-from brdfatlas.solvers.awls import CLAMP, Channel, Geometry
-from brdfatlas.solvers.microfacet_factors import FactorProblem
 
 #: Asked: median seconds a material.
 ASKED = {

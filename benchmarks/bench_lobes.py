@@ -19,15 +19,15 @@ from scipy.optimize import least_squares
 from brdfatlas.fits import fit
 from brdfatlas.measured import Measured, read_merl
 from brdfatlas.models import MODELS
-from brdfatlas.models.lobes import (
+from brdfatlas.models.three_lobe.base import (
     LobeModel,
     _LobeProblem,
     _weights,
     grid_factors,
     lobe_columns,
 )
+from brdfatlas.pipeline.standins import write_standin
 from brdfatlas.solvers.least_squares import fit_separable, latin_starts
-from brdfatlas.standins import write_standin
 
 NAMES = ("ashikhmin_shirley", "cook_torrance", "edwards", "ward", "ward_duer")
 YARDSTICK = "cook_torrance"

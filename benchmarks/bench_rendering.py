@@ -35,7 +35,7 @@ def timed(function) -> tuple[float, float, np.ndarray]:
 def main(files: list[Path] | None = None, scenes: tuple[str, ...] = ("studio_sphere",)) -> list[float]:
     """Print the table; returns the speed-ups at equal noise."""
     if not files:
-        from brdfatlas.standins import write_standin
+        from brdfatlas.pipeline.standins import write_standin
 
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "alum-bronze.binary"

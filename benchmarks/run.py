@@ -11,7 +11,7 @@ import platform
 import tempfile
 from pathlib import Path
 
-from brdfatlas.standins import write_standin
+from brdfatlas.pipeline.standins import write_standin
 
 #: Of different classes, for a machine without MERL files.
 STANDINS = ("pink-felt", "alum-bronze", "yellow-plastic", "chrome")

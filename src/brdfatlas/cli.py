@@ -16,7 +16,7 @@ from brdfatlas.models import MODELS
 from brdfatlas.models.base import FitError
 
 if TYPE_CHECKING:
-    from brdfatlas.images import Render
+    from brdfatlas.rendering.images import Render
 
 #: What a user can mend: one line on stderr and exit status 1; anything else is our fault and keeps its traceback.
 USER_FAULTS = (MeasuredError, FitError, ValueError, KeyError, ImportError, OSError)
@@ -93,7 +93,7 @@ def info_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def standin_command(args: argparse.Namespace) -> dict[str, Any]:
     """Write a built-in material in MERL format: the median of published fits, not a measurement."""
-    from brdfatlas.standins import write_standin
+    from brdfatlas.pipeline.standins import write_standin
 
     write_standin(args.material, args.output)
     if not args.json:
@@ -143,7 +143,7 @@ def table_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def compare_command(args: argparse.Namespace) -> dict[str, Any]:
     """BRDF-space measures of B against A, where both have values; A is the reference where a measure has one."""
-    from brdfatlas.errors import brdf_errors
+    from brdfatlas.measures.errors import brdf_errors
 
     reference, other = table_of(load(args.a)), table_of(load(args.b))
     measures = brdf_errors(other, np.where(np.isnan(other[..., :1]), np.nan, reference))
@@ -155,7 +155,7 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def export_command(args: argparse.Namespace) -> dict[str, Any]:
     """Write a fit, or its importance sampler, as JSON for other programs."""
-    from brdfatlas.export import export_json
+    from brdfatlas.export.fit_json import export_json
     from brdfatlas.sampling import export_sampler
 
     write, what = (export_sampler, "sampler") if args.sampler else (export_json, "fit")
@@ -167,7 +167,7 @@ def export_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put the factors of up to 128 fits into one EXR texture for shaders."""
-    from brdfatlas.uber_texture import build_uber_texture, save_uber_texture
+    from brdfatlas.export.uber_texture import build_uber_texture, save_uber_texture
 
     texture = build_uber_texture([load_fit(path) for path in args.fits])
     save_uber_texture(args.output, texture)
@@ -178,7 +178,7 @@ def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def render_command(args: argparse.Namespace) -> dict[str, Any]:
     """Render a file or a fit in a scene."""
-    from brdfatlas.images import save_render
+    from brdfatlas.rendering.images import save_render
     from brdfatlas.rendering.jobs import render_file
 
     render = render_file(
@@ -199,7 +199,7 @@ def render_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def load_image(path: str) -> "Render":
     """A render of ours with its batches and mask, or any EXR as one batch whose pixels all count."""
-    from brdfatlas.images import ImageError, Render, load_exr, load_render
+    from brdfatlas.rendering.images import ImageError, Render, load_exr, load_render
 
     try:
         return load_render(path)
@@ -210,7 +210,7 @@ def load_image(path: str) -> "Render":
 
 def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
     """Errors of an image against a reference: renders of ours by their batches and mask, other EXRs as they are."""
-    from brdfatlas.errors import Tone, image_errors
+    from brdfatlas.measures.errors import Tone, image_errors
 
     reference, image = load_image(args.reference), load_image(args.image)
     shared = len(reference.batches) == len(image.batches) > 1

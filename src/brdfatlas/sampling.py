@@ -27,13 +27,15 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from brdfatlas.files import read_json, write_json
-from brdfatlas.fits import Fit
 from brdfatlas.microfacet import ggx_ndf, theta_h_quadrature
+
+if TYPE_CHECKING:
+    from brdfatlas.fits import Fit
 
 FORMAT = "brdfatlas-sampler-1"
 REJECTED = np.array([0.0, 0.0, -1.0])
@@ -296,7 +298,7 @@ def _broadcast(u: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return u, wo
 
 
-def _specular_lobes(fit: Fit) -> tuple[list[Lobe], np.ndarray]:
+def _specular_lobes(fit: "Fit") -> tuple[list[Lobe], np.ndarray]:
     """The specular lobes of a fit and how much each weighs beside kd (sums over rgb, Eqs. 40, 41)."""
     p = {name: np.asarray(value, float) for name, value in fit.parameters.items()}
     if fit.model == "ashikhmin_shirley":
@@ -362,7 +364,7 @@ SAMPLED = (
 )
 
 
-def sampler_of(fit: Fit) -> Mixture:
+def sampler_of(fit: "Fit") -> Mixture:
     """The importance sampler of a fit. ValueError for a model that has none."""
     lobes, specular = _specular_lobes(fit)
     diffuse = float(sum(np.sum(fit.parameters[name]) for name in ("kd", "rho_d") if name in fit.parameters))
@@ -371,7 +373,7 @@ def sampler_of(fit: Fit) -> Mixture:
     return Mixture([Diffuse(), *lobes], weights)
 
 
-def describe_sampler(fit: Fit) -> dict[str, Any]:
+def describe_sampler(fit: "Fit") -> dict[str, Any]:
     """The sampler of a fit as plain data: format, model, material, and kind, weight and numbers of every lobe."""
     sampler = sampler_of(fit)
     lobes = [
@@ -387,7 +389,7 @@ def describe_sampler(fit: Fit) -> dict[str, Any]:
     }
 
 
-def export_sampler(fit: Fit, path: str | os.PathLike) -> dict[str, Any]:
+def export_sampler(fit: "Fit", path: str | os.PathLike) -> dict[str, Any]:
     """Write :func:`describe_sampler` as JSON and return it. ValueError for a model without a sampling procedure."""
     description = describe_sampler(fit)
     write_json(path, description)

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from brdfatlas.figures.pictures import apply_colours, encode_hdr, write_bars, write_webp
 from brdfatlas.models import MODELS
-from brdfatlas.pictures import apply_colours, encode_hdr, write_bars, write_webp
 from brdfatlas.reports.data import Material, SceneFacts, read_material
 from brdfatlas.reports.site import write_assets, write_compare, write_index, write_material_page, write_model_page
 
@@ -279,7 +279,7 @@ def write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[obje
 def make_pictures(
     folder: Path, models: Sequence[str], scenes: Sequence[str], colour, size: int, failed: str, rng
 ) -> None:
-    """Pictures as brdfatlas.pictures names them, and curves as SVG."""
+    """Pictures as brdfatlas.figures.pictures names them, and curves as SVG."""
     folder.mkdir(parents=True, exist_ok=True)
     mask = np.hypot(*(np.mgrid[0:size, 0:size] / (size - 1) * 2.2 - 1.1)) < 1
     ramp = np.stack([np.arange(256)] * 3, -1).astype(np.uint8)

@@ -232,7 +232,7 @@ def test_compare_zoom_pan_and_pixel_values(tab, site):
     import numpy as np
     from PIL import Image
 
-    from brdfatlas.pictures import decode_hdr
+    from brdfatlas.figures.pictures import decode_hdr
 
     page = tab.open(site.reports / "compare.html", "#m=pvc&s=grove&b=toy_02")
     shown(page)
@@ -266,7 +266,7 @@ def test_compare_works_without_a_pointer(tab, site):
     import numpy as np
     from PIL import Image
 
-    from brdfatlas.pictures import decode_hdr
+    from brdfatlas.figures.pictures import decode_hdr
 
     page = tab.open(site.reports / "compare.html", "#m=pvc&s=grove&b=toy_02&v=swipe&z=4")
     half = drawn(page)

@@ -9,11 +9,11 @@ import pytest
 from PIL import Image
 
 from brdfatlas import load_fit, read_merl
-from brdfatlas.errors import IMAGE_MEASURES
-from brdfatlas.images import load_render
+from brdfatlas.figures.pictures import decode_hdr
+from brdfatlas.measures.errors import IMAGE_MEASURES
+from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.objectives import log_deviation
-from brdfatlas.pictures import decode_hdr
-from brdfatlas.tsv import read_tsv
+from brdfatlas.rendering.images import load_render
 
 
 def picture_of(project, model, scene="studio_sphere", material="pink-felt"):

@@ -8,7 +8,7 @@ import pytest
 from brdfatlas import load_fit, read_merl
 from brdfatlas.objectives import compressive_weights, log_deviation, relative_objective
 from brdfatlas.pipeline.jobs import check_failures_job
-from brdfatlas.standins import make_standin
+from brdfatlas.pipeline.standins import make_standin
 
 
 def test_make_standin(run_rule):

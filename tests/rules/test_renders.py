@@ -3,7 +3,7 @@
 import numpy as np
 
 from brdfatlas import read_merl
-from brdfatlas.images import load_render
+from brdfatlas.rendering.images import load_render
 from brdfatlas.rendering.scenes import load_scene
 
 

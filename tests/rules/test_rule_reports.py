@@ -11,7 +11,7 @@ import pytest
 from pypdf import PdfReader
 
 from brdfatlas import load_fit
-from brdfatlas.uber_texture import load_uber_texture
+from brdfatlas.export.uber_texture import load_uber_texture
 
 
 def table(root, name: str) -> pd.DataFrame:

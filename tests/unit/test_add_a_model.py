@@ -11,9 +11,9 @@ from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.files import read_json
 from brdfatlas.fits import fit, load_fit
 from brdfatlas.measured import Measured, write_merl
+from brdfatlas.measures.physics import physics_checks
 from brdfatlas.models import MODELS, Registry, load_model_file
 from brdfatlas.models.base import FitError, Model, Option
-from brdfatlas.physics import physics_checks
 from brdfatlas.pipeline.configuration import ConfigError, read_models
 from brdfatlas.pipeline.jobs import fit_job
 

@@ -71,9 +71,9 @@ def test_files_are_compared_where_both_were_measured(capsys, material, tmp_path)
 
 def test_exports(capsys, material, tmp_path):
     """A fit and its sampler as JSON, and a texture of factors, give back what the fit holds."""
-    from brdfatlas.export import import_json
+    from brdfatlas.export.fit_json import import_json
+    from brdfatlas.export.uber_texture import load_uber_texture
     from brdfatlas.sampling import load_sampler, sampler_of
-    from brdfatlas.uber_texture import load_uber_texture
 
     for model in ("ward", "g_from_d"):
         assert main(["fit", model, str(material), "-o", str(tmp_path / f"{model}.npz")]) == 0
@@ -158,8 +158,8 @@ def test_image_errors_of_foreign_images(capsys, tmp_path):
 
 def test_image_errors_use_the_references_tone_map_and_name_a_bound(capsys, tmp_path):
     """The numbers of the report for the same two files; a model closer than the noise has a bound, not a value."""
-    from brdfatlas.errors import Tone, image_errors
-    from brdfatlas.images import Render, load_render, save_render
+    from brdfatlas.measures.errors import Tone, image_errors
+    from brdfatlas.rendering.images import Render, load_render, save_render
 
     rng = np.random.default_rng(0)
     parts = (1 + 0.1 * rng.random((4, 16, 16, 3))).astype(np.float32)
@@ -180,7 +180,7 @@ def test_image_errors_use_the_references_tone_map_and_name_a_bound(capsys, tmp_p
 
 def test_render_writes_the_picture_of_the_file(material, tmp_path):
     """The command's EXR is the function's picture; felt reflects some light."""
-    from brdfatlas.images import load_render
+    from brdfatlas.rendering.images import load_render
     from brdfatlas.rendering.jobs import render_file
 
     output = tmp_path / "felt.exr"

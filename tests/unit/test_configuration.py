@@ -234,4 +234,4 @@ def test_files_that_are_not_quite_where_they_are_looked_for(tmp_path, file, reme
 def test_names_that_could_escape_are_refused():
     for name in ("../x", "a b", "<script>", "a/b", "", ".hidden", "-rf", "a\n"):
         with pytest.raises(ConfigError):
-            configuration.check_name(name, "f")
+            check_name(name, "f")

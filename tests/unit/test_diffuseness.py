@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from brdfatlas.angles import above_horizon, grid_axes, theta_h_centres
-from brdfatlas.diffuseness import diffuseness, material_class, mean_of_d
 from brdfatlas.measured import Measured
+from brdfatlas.measures.diffuseness import diffuseness, material_class, mean_of_d
 
 
 def material(base):

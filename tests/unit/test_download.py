@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brdfatlas import download as dl
 from brdfatlas.angles import GRID_SHAPE
-from brdfatlas.download import DownloadError, Remote, download, fetch_asset, fetch_merl, unpack_merl
 from brdfatlas.measured import FILE_BYTES, check_header, read_merl
+from brdfatlas.pipeline import download as dl
+from brdfatlas.pipeline.download import DownloadError, Remote, download, fetch_asset, fetch_merl, unpack_merl
 
 QUICK = {"attempts": 3, "pause": 0.01, "timeout": 5.0, "say": lambda line: None}
 

@@ -14,7 +14,7 @@ from brdfatlas.angles import above_horizon, directions, grid_axes, grid_cosines,
 from brdfatlas.fits import Fit, fit
 from brdfatlas.measured import Measured
 from brdfatlas.models.base import FitError
-from brdfatlas.solvers import power_iteration
+from brdfatlas.models.dupuy2015 import power_iteration
 
 MODELS = ("tabulated", "gaussian", "ggx")
 F0 = 0.05

@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from brdfatlas import errors
-from brdfatlas.errors import Tone
-from brdfatlas.images import Render, save_render
-from brdfatlas.tsv import read_tsv, write_tsv
+from brdfatlas.measures import errors
+from brdfatlas.measures.errors import Tone
+from brdfatlas.measures.tsv import read_tsv, write_tsv
+from brdfatlas.rendering.images import Render, save_render
 
 TONE = Tone(1.0, 2.2)
 

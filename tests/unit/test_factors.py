@@ -12,19 +12,19 @@ from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_cosines
 from brdfatlas.fits import fit
 from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS
-from brdfatlas.models.base import FitError
-from brdfatlas.models.factors import grid_microfacet
-from brdfatlas.objectives import compressive_weights, relative_objective
-from brdfatlas.solvers.acceleration import Trace, accelerate, alternate
-from brdfatlas.solvers.awls import Channel, Geometry, g_nodes, node_cosines, pair_sums
-from brdfatlas.solvers.microfacet_factors import (
+from brdfatlas.models.bagher2016.awls import Channel, Geometry, g_nodes, node_cosines, pair_sums
+from brdfatlas.models.bagher2016.factors import grid_microfacet
+from brdfatlas.models.bagher2016.microfacet_factors import (
     FactorProblem,
     TableProblem,
     g_from_d,
     g_from_d_derivative,
     smoothing_matrix,
 )
-from brdfatlas.solvers.naive_factors import NaiveProblem
+from brdfatlas.models.bagher2016.naive_factors import NaiveProblem
+from brdfatlas.models.base import FitError
+from brdfatlas.objectives import compressive_weights, relative_objective
+from brdfatlas.solvers.acceleration import Trace, accelerate, alternate
 
 PLAIN = Path(__file__).parents[2] / "benchmarks" / "plain_factors.py"
 specification = importlib.util.spec_from_file_location("plain_factors", PLAIN)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from brdfatlas.images import ImageError, Render, load_exr, load_render, read_meta, save_render, tone_map
+from brdfatlas.rendering.images import ImageError, Render, load_exr, load_render, read_meta, save_render, tone_map
 
 
 @pytest.fixture

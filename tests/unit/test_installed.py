@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from rendering_materials import variant
 
-from brdfatlas.images import load_render
+from brdfatlas.rendering.images import load_render
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -10,13 +10,13 @@ from brdfatlas.fits import fit, load_fit
 from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import FitError
-from brdfatlas.models.half_outgoing import (
+from brdfatlas.models.factorised.half_outgoing import (
     grid_coordinates,
     half_outgoing,
     node_directions,
     parse_resolution,
 )
-from brdfatlas.models.lawrence import highlight_class
+from brdfatlas.models.factorised.lawrence import highlight_class
 from brdfatlas.objectives import log_deviation
 from brdfatlas.solvers.nmf import Factors, Samples, evaluate_samples, factorize
 from brdfatlas.solvers.tensor import bilinear_rows, residual_terms, sum_terms

@@ -10,10 +10,10 @@ from brdfatlas.fits import fit
 from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import FitError, Model
-from brdfatlas.models.lobes import lobe_columns
+from brdfatlas.models.published import published_names, published_parameters
+from brdfatlas.models.three_lobe.base import lobe_columns
 from brdfatlas.objectives import cosine_weighted, loew_e2
-from brdfatlas.published import published_names, published_parameters
-from brdfatlas.standins import make_standin
+from brdfatlas.pipeline.standins import make_standin
 
 NAMES = ("ashikhmin_shirley", "cook_torrance", "edwards", "ward", "ward_duer")
 QUICK = {"starts": 24, "follow": 3}

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import dblquad
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon
-from brdfatlas.physics import INCIDENCE, bad_cells, directional_albedo, physics_checks, reciprocity_error
+from brdfatlas.measures.physics import INCIDENCE, bad_cells, directional_albedo, physics_checks, reciprocity_error
 
 ANGLES = np.deg2rad(INCIDENCE)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from brdfatlas import pictures
-from brdfatlas.errors import Tone
-from brdfatlas.images import Render, save_render
+from brdfatlas.figures import pictures
+from brdfatlas.measures.errors import Tone
+from brdfatlas.rendering.images import Render, save_render
 
 TONE = Tone(1.0, 2.2)
 SVG = "{http://www.w3.org/2000/svg}"
@@ -93,7 +93,7 @@ def test_maps_of_different_models_share_one_scale():
     def place(picture):
         return int(np.argmin(np.abs(table - picture[8, 8, :3].astype(int)).sum(1)))
 
-    from brdfatlas.errors import delta_e_map
+    from brdfatlas.measures.errors import delta_e_map
 
     for picture, value in ((near, 0.41), (far, 0.45)):
         delta = float(delta_e_map(np.full((1, 3), 0.4), np.full((1, 3), value), 1.0)[0])

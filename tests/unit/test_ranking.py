@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from brdfatlas.errors import DETECTION, psnr
-from brdfatlas.ranking import TOLD_APART, best_rows, count_missing, told_apart
+from brdfatlas.measures.errors import DETECTION, psnr
+from brdfatlas.measures.ranking import TOLD_APART, best_rows, count_missing, told_apart
 
 INF = float("inf")
 

@@ -9,9 +9,9 @@ from base64 import urlsafe_b64encode
 
 import pytest
 
-from brdfatlas.download import checksum_of
 from brdfatlas.files import atomic_path
 from brdfatlas.pipeline import recovery
+from brdfatlas.pipeline.download import checksum_of
 
 HOUR = 3600.0
 

@@ -31,7 +31,7 @@ def test_the_example(name, tmp_path):
         assert np.isfinite(picture).all()
         assert picture[size // 2, size // 2].min() > 0
     # Under a constant sky of radiance 1 the middle of the sphere shows its directional albedo at normal incidence.
-    from brdfatlas.physics import directional_albedo
+    from brdfatlas.measures.physics import directional_albedo
 
     expected = directional_albedo(material(0.3).evaluate, 0.0)
     middle = pictures[2][size // 2 - 1 : size // 2 + 2, size // 2 - 1 : size // 2 + 2].mean((0, 1))

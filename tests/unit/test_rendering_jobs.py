@@ -11,9 +11,9 @@ from rendering_materials import material, variant
 
 from brdfatlas.files import write_json
 from brdfatlas.fits import fit
-from brdfatlas.images import load_render, read_meta
 from brdfatlas.measured import MeasuredError, write_merl
 from brdfatlas.rendering import jobs
+from brdfatlas.rendering.images import load_render, read_meta
 from brdfatlas.rendering.scenes import SceneError, load_scene, read_scenes
 
 SETTINGS = {"samples": 16, "batches": 4, "seed": 1, "variant": "llvm_ad_rgb"}

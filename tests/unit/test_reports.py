@@ -16,9 +16,9 @@ import pytest
 from PIL import Image
 from pypdf import PdfReader
 
+from brdfatlas.figures.pictures import decode_hdr
+from brdfatlas.measures.ranking import best_rows
 from brdfatlas.models import MODELS
-from brdfatlas.pictures import decode_hdr
-from brdfatlas.ranking import best_rows
 from brdfatlas.reports import formats
 from brdfatlas.reports.data import (
     MEASURES,

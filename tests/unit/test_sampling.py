@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from brdfatlas.angles import theta_h_centres
 from brdfatlas.fits import Fit
 from brdfatlas.microfacet import ggx_ndf
-from brdfatlas.published import published_parameters
+from brdfatlas.models.published import published_parameters
 from brdfatlas.sampling import (
     SAMPLED,
     AbcLobe,

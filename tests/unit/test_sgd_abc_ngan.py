@@ -12,7 +12,7 @@ from brdfatlas.angles import above_horizon, directions, grid_axes, grid_cosines
 from brdfatlas.fits import Fit, fit
 from brdfatlas.measured import Measured, read_merl
 from brdfatlas.models import MODELS, sgd
-from brdfatlas.models.abc import dielectric_slope
+from brdfatlas.models.single_lobe.abc import dielectric_slope
 from brdfatlas.objectives import (
     compressive_weights,
     cosine_weighted,

@@ -6,15 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from brdfatlas import tables
 from brdfatlas.angles import GRID_SHAPE, above_horizon, theta_h_centres
-from brdfatlas.errors import BRDF_MEASURES, IMAGE_MEASURES
 from brdfatlas.files import read_json, write_json
 from brdfatlas.fits import Fit, fit
 from brdfatlas.measured import read_merl, write_merl
+from brdfatlas.measures import tables
+from brdfatlas.measures.errors import BRDF_MEASURES, IMAGE_MEASURES
+from brdfatlas.measures.tsv import write_tsv
 from brdfatlas.models import MODELS as REGISTRY
 from brdfatlas.reports.standings_page import class_rows, duel_rows, scene_rows, write_standings
-from brdfatlas.tsv import write_tsv
 
 CLASSES = pd.DataFrame(
     {"material": ["chrome", "nylon"], "class": ["specular", "diffuse"], "standin": [False, False]},

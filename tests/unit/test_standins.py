@@ -5,8 +5,7 @@ import pytest
 
 from brdfatlas.angles import above_horizon, directions, phi_d_centres, theta_d_centres, theta_h_centres
 from brdfatlas.measured import read_merl, write_merl
-from brdfatlas.models.cook_torrance import CookTorrance
-from brdfatlas.published import (
+from brdfatlas.models.published import (
     THREE_LOBE,
     UnknownMaterialError,
     published_means,
@@ -15,7 +14,8 @@ from brdfatlas.published import (
     published_psnr,
     published_table,
 )
-from brdfatlas.standins import PUBLISHED_MODELS, make_standin, standin_names, write_standin
+from brdfatlas.models.three_lobe.cook_torrance import CookTorrance
+from brdfatlas.pipeline.standins import PUBLISHED_MODELS, make_standin, standin_names, write_standin
 
 
 class PrintedCookTorrance(CookTorrance):

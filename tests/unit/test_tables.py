@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from brdfatlas import tables
-from brdfatlas.errors import BRDF_MEASURES, IMAGE_MEASURES
 from brdfatlas.files import write_json
-from brdfatlas.tsv import read_tsv, write_tsv
+from brdfatlas.measures import tables
+from brdfatlas.measures.errors import BRDF_MEASURES, IMAGE_MEASURES
+from brdfatlas.measures.tsv import read_tsv, write_tsv
 
 CLASSES = pd.DataFrame(
     {
@@ -117,7 +117,7 @@ def test_a_lower_bound_never_loses_a_duel_and_wins_by_no_less_than_its_value():
 
 
 def test_published_figures_stand_beside_ours_over_the_same_materials(errors):
-    from brdfatlas.published import published_psnr
+    from brdfatlas.models.published import published_psnr
 
     rows = tables.beside_published(errors, CLASSES, MODELS).set_index(["model", "source"])
     assert rows.loc[("tucker", "Bagher et al. 2016"), "published_db"] == 54.02

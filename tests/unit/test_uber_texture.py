@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from brdfatlas.export import export_json, import_json
-from brdfatlas.fits import Fit
-from brdfatlas.models import MODELS
-from brdfatlas.uber_texture import (
+from brdfatlas.export.fit_json import export_json, import_json
+from brdfatlas.export.uber_texture import (
     D_AT,
     G_AT,
     RHO_S_AT,
@@ -16,6 +14,8 @@ from brdfatlas.uber_texture import (
     save_uber_texture,
     uber_texture_job,
 )
+from brdfatlas.fits import Fit
+from brdfatlas.models import MODELS
 
 
 def random_fit(model: str, material: str, seed: int, standin=False) -> Fit:

@@ -3,7 +3,7 @@
 import numpy as np
 import yaml
 
-from brdfatlas.images import load_render
+from brdfatlas.rendering.images import load_render
 
 RENDERS = "results/renders/pink-felt/reference"
 SCENE = {

@@ -24,7 +24,7 @@ use rule measure_errors as measure_ablation with:
         renders=ABLATION_RENDERS,
         fits=expand("results/fits/{{material}}/{model}.npz", model=VARIANTS),
         reports=expand("results/fits/{{material}}/{model}.json", model=VARIANTS),
-        source=sources("brdfatlas.errors"),
+        source=sources("brdfatlas.measures.errors"),
     output:
         images="results/ablation/{material}.tsv",
         brdf="results/ablation/{material}.brdf.tsv",
@@ -43,7 +43,7 @@ use rule measure_errors as measure_ablation with:
 use rule draw_pictures as draw_ablation with:
     input:
         renders=ABLATION_RENDERS,
-        source=sources("brdfatlas.pictures"),
+        source=sources("brdfatlas.figures.pictures"),
     output:
         listing="results/ablation/{material}.json",
         references=expand("reports/ablation/{{material}}/{scene}-reference.webp", scene=SCENES),

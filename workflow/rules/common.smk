@@ -20,8 +20,8 @@ from brdfatlas.pipeline.progress import Progress
 from brdfatlas.pipeline.recovery import record_outputs, recover
 from brdfatlas.pipeline.sources import list_sources, module_path
 from brdfatlas.rendering.scenes import read_scenes
-from brdfatlas.standins import PUBLISHED_MODELS
-from brdfatlas.uber_texture import HEIGHT, MODELS_WITH_FACTORS
+from brdfatlas.pipeline.standins import PUBLISHED_MODELS
+from brdfatlas.export.uber_texture import HEIGHT, MODELS_WITH_FACTORS
 from snakemake.logging import logger
 
 # Only the process that will run jobs mends what an earlier run left, and follows the jobs: no dry run, no job itself,
@@ -103,7 +103,7 @@ def neighbours(wildcards):
 
 def model_sources(wildcards):
     """The model's own file and what it imports: editing one model refits that model only."""
-    return sources(FITTED[wildcards.model]["module"], "brdfatlas.fits", "brdfatlas.physics")
+    return sources(FITTED[wildcards.model]["module"], "brdfatlas.fits", "brdfatlas.measures.physics")
 
 
 def scene_files(names):

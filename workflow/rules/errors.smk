@@ -20,7 +20,7 @@ rule measure_errors:
         renders=RENDERS,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        source=sources("brdfatlas.errors"),
+        source=sources("brdfatlas.measures.errors"),
     output:
         images=report(
             "results/errors/{material}.tsv",
@@ -57,7 +57,7 @@ rule tabulate_errors:
         brdf=expand("results/errors/{material}.brdf.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
-        source=sources("brdfatlas.tables"),
+        source=sources("brdfatlas.measures.tables"),
     output:
         [f"results/tables/{table}.tsv" for table in TABLES if table not in STANDINGS_TITLES],
         [

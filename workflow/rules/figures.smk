@@ -4,7 +4,7 @@
 rule draw_pictures:
     input:
         renders=RENDERS,
-        source=sources("brdfatlas.pictures"),
+        source=sources("brdfatlas.figures.pictures"),
     output:
         # Hundreds of pictures a material would burden the DAG: a list stands for them, the reference's are watched.
         listing="results/pictures/{material}.json",
@@ -29,7 +29,7 @@ rule draw_pictures:
 
 rule draw_bars:
     input:
-        source=sources("brdfatlas.pictures"),
+        source=sources("brdfatlas.figures.pictures"),
     output:
         expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
     log:

@@ -8,7 +8,7 @@ localrules:
 
 rule make_standin:
     input:
-        source=sources("brdfatlas.standins"),
+        source=sources("brdfatlas.pipeline.standins"),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES),
     output:
         "results/standins/{material}.binary",

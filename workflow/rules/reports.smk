@@ -236,7 +236,7 @@ rule write_uber_texture:
     input:
         fits=lambda wildcards: expand("results/fits/{material}/{{model}}.npz", material=texture_rows(wildcards)),
         reports=lambda wildcards: expand("results/fits/{material}/{{model}}.json", material=texture_rows(wildcards)),
-        source=sources("brdfatlas.uber_texture"),
+        source=sources("brdfatlas.export.uber_texture"),
     output:
         "reports/data/uber-texture-{model}-{part}.exr",
     log:

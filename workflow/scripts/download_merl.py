@@ -1,6 +1,6 @@
 """Download, check and unpack the MERL database; what it says goes to the log and to the terminal."""
 
-from brdfatlas.download import fetch_merl_job
+from brdfatlas.pipeline.download import fetch_merl_job
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]) as say:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from brdfatlas.pictures import write_bars
+from brdfatlas.figures.pictures import write_bars
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):

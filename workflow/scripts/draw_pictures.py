@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from brdfatlas.pictures import pictures_job
+from brdfatlas.figures.pictures import pictures_job
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):

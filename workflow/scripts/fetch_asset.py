@@ -1,6 +1,6 @@
 """Fetch one asset of a scene; what it says goes to the log and to the terminal."""
 
-from brdfatlas.download import fetch_asset_job
+from brdfatlas.pipeline.download import fetch_asset_job
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]) as say:

@@ -1,7 +1,7 @@
 """Write one built-in stand-in in MERL format."""
 
 from brdfatlas.pipeline.logs import logged
-from brdfatlas.standins import write_standin
+from brdfatlas.pipeline.standins import write_standin
 
 with logged(snakemake.log[0]):
     write_standin(snakemake.wildcards.material, snakemake.output[0])

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from brdfatlas.errors import errors_job
+from brdfatlas.measures.errors import errors_job
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):

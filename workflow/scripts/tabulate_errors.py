@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from brdfatlas.measures.tables import write_tables
 from brdfatlas.pipeline.logs import logged
-from brdfatlas.tables import write_tables
 
 with logged(snakemake.log[0]):
     i = snakemake.input

@@ -11,8 +11,8 @@ from brdfatlas.figures.summary import plot_summary
 from brdfatlas.files import digests, read_json, write_json
 from brdfatlas.fits import Fit, load_fit
 from brdfatlas.measured import read_merl
+from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS
-from brdfatlas.tsv import read_tsv
 
 
 def register(model_files: Mapping[str, str]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, directions, grid_axes
 from brdfatlas.measured import Measured
+from brdfatlas.sampling import Sampler
 
 Parameters = Mapping[str, np.ndarray]
 
@@ -90,6 +91,36 @@ class Option:
         return f"is not a {'whole ' if whole else ''}number{ends}"
 
 
+@dataclass(frozen=True)
+class Function:
+    """One named function of a fit, for figures, exports and the viewer.
+
+    ``symbol``: "D", "F", "G", "G1" ...; ``axis``: "theta_h", "theta_d", "phi_d" or "theta"; ``angle`` (n,) in radians;
+    ``values`` (n,), or (n, 3) where rgb differ; ``unit`` of the values.
+    """
+
+    symbol: str
+    axis: str
+    angle: np.ndarray
+    values: np.ndarray
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Factors:
+    """A fit as a sum of products, rho_d + sum_k d_k(theta_h) f_k(theta_d) h(phi_d) G(theta_i) G(theta_o) / (cos cos).
+
+    ``rho_d`` (3,), ``d`` and ``f`` (3, k, 90) at the cells of the MERL grid; ``g`` (3, 90) at its nodes, 0 to 90
+    degrees, None where the model has no G / cos; ``h`` (3, 180) at the phi_d cells, None where it is 1.
+    """
+
+    rho_d: np.ndarray
+    d: np.ndarray
+    f: np.ndarray
+    g: np.ndarray | None = None
+    h: np.ndarray | None = None
+
+
 @dataclass
 class Result:
     """What ``Model.fit`` returns: the parameters and how they were found."""
@@ -148,6 +179,37 @@ class Model(ABC):
             with np.errstate(all="ignore"):
                 table[row] = self.evaluate(parameters, wi, wo)
         return table
+
+    # What a model may say of itself beside its values: code outside models/ asks these and never tests a name.
+
+    #: Targets that :meth:`material` knows: "mitsuba", "materialx", "gltf".
+    targets: ClassVar[tuple[str, ...]] = ()
+
+    def title_of(self, options: Mapping[str, Any]) -> str:
+        """The title of an entry with these options; by default the options that differ from their defaults stand
+        behind it."""
+        changed = [f"{key} {value}" for key, value in options.items() if value != self.options[key].default]
+        return f"{self.title} ({', '.join(changed)})" if changed else self.title
+
+    def parameters_of(self, options: Mapping[str, Any]) -> tuple[Parameter, ...]:
+        """The parameters of a fit with these options. Override where an option chooses their shapes."""
+        return self.parameters
+
+    def sampler(self, parameters: Parameters) -> Sampler | None:
+        """The importance sampler of a fit, None for a model without a sampling procedure."""
+        return None
+
+    def functions(self, parameters: Parameters) -> tuple[Function, ...]:
+        """The named functions of a fit, none by default."""
+        return ()
+
+    def factors(self, parameters: Parameters) -> Factors | None:
+        """The fit as a sum of products, for textures and the viewer; None for a model that is none."""
+        return None
+
+    def material(self, parameters: Parameters, target: str) -> Mapping[str, Any] | None:
+        """The fit as parameters of a renderer's material, exact, for one of :attr:`targets`; else None."""
+        return None
 
     def check_options(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Options completed with their defaults. ValueError names the model, the key and what is allowed."""

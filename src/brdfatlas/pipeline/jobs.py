@@ -16,13 +16,13 @@ import numpy as np
 
 from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
-from brdfatlas.diffuseness import diffuseness, material_class
 from brdfatlas.files import write_json
 from brdfatlas.fits import Fit, fit
 from brdfatlas.measured import Measured, read_merl
+from brdfatlas.measures.diffuseness import diffuseness, material_class
+from brdfatlas.measures.physics import directional_albedo, physics_checks
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import FitError
-from brdfatlas.physics import directional_albedo, physics_checks
 
 #: Faults of the machine, not of the model: they fail the job, and the next run tries again.
 MACHINE_FAULTS = (MemoryError, OSError, KeyboardInterrupt)

@@ -9,8 +9,9 @@ from typing import Any
 from brdfatlas.files import read_json, write_json
 from brdfatlas.measured import MeasuredError, read_merl
 from brdfatlas.objectives import importance_weight
-from brdfatlas.pipeline.configuration import NAME, ConfigError, choose
-from brdfatlas.standins import standin_names
+from brdfatlas.pipeline.configuration import choose
+from brdfatlas.pipeline.standins import standin_names
+from brdfatlas.settings import NAME, ConfigError
 
 #: Of what :func:`_fault` looks for: verdicts of an older one are not believed.
 EDITION = 2

@@ -16,8 +16,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
-from brdfatlas.download import checksum_of
 from brdfatlas.files import atomic_path
+from brdfatlas.pipeline.download import checksum_of
 
 LEDGER = Path("results") / "ledger.tsv"
 STATE = Path(".snakemake")

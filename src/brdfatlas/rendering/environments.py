@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfatlas.images import load_exr
+from brdfatlas.rendering.images import load_exr
 
 HDR_SUFFIXES = (".hdr", ".rgbe", ".pfm", ".exr")
 

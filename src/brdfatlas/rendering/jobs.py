@@ -13,9 +13,9 @@ import numpy as np
 
 from brdfatlas.files import read_json
 from brdfatlas.fits import Fit, is_fit_file, load_fit
-from brdfatlas.images import ImageError, Render, load_render, read_meta, save_render
 from brdfatlas.measured import Measured, read_merl
 from brdfatlas.rendering import use_variant
+from brdfatlas.rendering.images import ImageError, Render, load_render, read_meta, save_render
 from brdfatlas.rendering.scenes import (
     PreparedScene,
     SceneError,
@@ -30,9 +30,9 @@ from brdfatlas.rendering.scenes import (
 
 HERE = Path(__file__).parent
 #: A change of one of these files makes old renders stale.
-RENDERING_SOURCES = [HERE / f"{name}.py" for name in ("arrays", "bsdf", "density", "integrator", "jobs", "scenes")] + [
-    HERE.parent / f"{name}.py" for name in ("angles", "images", "measured")
-]
+RENDERING_SOURCES = [
+    HERE / f"{name}.py" for name in ("arrays", "bsdf", "density", "images", "integrator", "jobs", "scenes")
+] + [HERE.parent / f"{name}.py" for name in ("angles", "measured")]
 
 
 def render_scene(

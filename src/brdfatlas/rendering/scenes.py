@@ -15,6 +15,7 @@ import numpy as np
 
 from brdfatlas.files import read_npz, write_npz
 from brdfatlas.rendering.environments import ProbeError, environment_image
+from brdfatlas.settings import check, check_name, complete, read_yaml
 
 #: scenes.yaml and its schema beside this file are links into config/ and workflow/schemas/, copies in an installed
 #: package.
@@ -40,8 +41,6 @@ def read_scenes(path: str | Path | None = None) -> dict[str, dict[str, Any]]:
     Fast and without Mitsuba; what is in the files that a scene names is checked by :func:`check_scene`.
     Raises ValueError (SceneError, ConfigError) with one line that names file, key and remedy.
     """
-    from brdfatlas.pipeline.configuration import check, check_name, complete, read_yaml
-
     path = Path(path) if path else scenes_file()
     schema = read_yaml(HERE / "scenes.schema.yaml")
     scenes = read_yaml(path)

@@ -8,9 +8,9 @@ from typing import Any
 import pandas as pd
 
 from brdfatlas.files import read_json
+from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.reports.data import REFERENCE, SceneFacts, model_facts, write_tsv
 from brdfatlas.reports.pages import Picture, find_picture, render_page
-from brdfatlas.tsv import read_tsv
 
 #: Measures of the table of means: key, heading, decimals.
 SHOWN = (("psnr_db", "PSNR (dB)", 1), ("de00_mean", "ΔE00", 2), ("flip_mean", "FLIP", 3))

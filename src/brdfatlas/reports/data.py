@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from brdfatlas import tsv
 from brdfatlas.files import read_json
+from brdfatlas.measures import tsv
+from brdfatlas.measures.ranking import count_missing
+from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS
-from brdfatlas.ranking import count_missing
-from brdfatlas.tsv import read_tsv
 
 FIT_COLUMNS = [
     *("material", "model", "standin", "status", "reason", "seconds", "iterations", "converged"),

@@ -69,7 +69,7 @@ def error(value: Any) -> str:
 
 def with_error(value: Any, spread: Any, places: int | None = 1) -> str:
     """A value with its standard error. An infinite error marks a lower bound: closer to the reference than the noise
-    of the renders can tell (see brdfatlas.errors)."""
+    of the renders can tell (see brdfatlas.measures.errors)."""
     found, about = _number(value), _number(spread)
     if found is None or math.isinf(found) or about is None or about == 0:
         return digits(value, places)

@@ -9,7 +9,7 @@ import pandas as pd
 import yaml
 
 from brdfatlas.files import read_json, write_text
-from brdfatlas.ranking import best_rows, count_missing
+from brdfatlas.measures.ranking import best_rows, count_missing
 from brdfatlas.reports.data import (
     MEASURES,
     NOISE_FLOOR,
@@ -285,7 +285,7 @@ def atlas_script(materials: Sequence[Material], models: Sequence[ModelFacts], sc
     """``window.ATLAS``: numbers of the whole run, in columns, rounded to what is shown, for index and compare page.
 
     ``values[measure]`` is flat: scene, then material, then model (models, then the noise floor last); ``best`` are the
-    places of the best PSNRs (:func:`brdfatlas.ranking.best_rows`).
+    places of the best PSNRs (:func:`brdfatlas.measures.ranking.best_rows`).
     """
     names = [model.name for model in models] + [NOISE_FLOOR]
     keys = [measure.key for measure in MEASURES] + ["psnr_se_db"]

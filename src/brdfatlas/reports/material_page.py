@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 import pandas as pd
 
-from brdfatlas.ranking import best_rows
+from brdfatlas.measures.ranking import best_rows
 from brdfatlas.reports.data import (
     BRDF_MEASURES,
     MEASURES,
@@ -101,7 +101,7 @@ def write_material_page(
 ) -> None:
     """Write the page of one material, its tables in ``data`` and its thumbnail in ``pictures``.
 
-    ``pictures`` is the folder of the material's pictures (``{scene}-{model}.webp`` and so on, see brdfatlas.pictures);
+    ``pictures`` is the folder of the material's pictures (``{scene}-{model}.webp`` and so on, see figures.pictures);
     ``materials`` is the order of pages. The page needs nothing of other materials: it is out when its material is.
     """
     output, pictures, data = Path(output), Path(pictures), Path(data)
@@ -244,7 +244,7 @@ def make_entry(material: Material, name: str, facts: ModelFacts | None, scenes: 
 
 
 def mark_best(material: Material, entries: Sequence[Entry], scenes: Sequence[SceneFacts]) -> None:
-    """Mark the best of every picture and measure: PSNR by :func:`brdfatlas.ranking.best_rows`, others by value."""
+    """Mark the best of every picture and measure: PSNR by :func:`best_rows`, others by value."""
     by_name = {entry.name: entry for entry in entries}
     for row in best_rows(material.errors, list(by_name)).itertuples():
         by_name[row.model].best[row.scene, "psnr_db"] = True

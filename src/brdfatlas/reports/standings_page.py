@@ -10,11 +10,11 @@ from typing import Any
 import pandas as pd
 
 from brdfatlas.files import atomic_path
-from brdfatlas.ranking import TOLD_APART
+from brdfatlas.measures.ranking import TOLD_APART
+from brdfatlas.measures.tables import CLASSES, TIE_DB
+from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.reports.data import NOISE_FLOOR, model_facts
 from brdfatlas.reports.pages import find_picture, render_page
-from brdfatlas.tables import CLASSES, TIE_DB
-from brdfatlas.tsv import read_tsv
 
 #: Columns of the table of classes: measure, heading, decimals, whether more is better.
 SHOWN = (("psnr_db", "PSNR (dB)", 1, True), ("de00_mean", "ΔE00", 2, False), ("flip_mean", "FLIP", 3, False))
@@ -30,7 +30,7 @@ def write_standings(
     models: Sequence[str],
     **links: bool,
 ) -> None:
-    """Write the page from the tables of :mod:`brdfatlas.tables` in ``tables``, and copies of them into ``data``.
+    """Write the page from the tables of :mod:`.tables` in ``tables``, and copies of them into ``data``.
 
     ``figure``: the sorted errors of all models, of :func:`brdfatlas.figures.summary.plot_summary`.
     """

@@ -4,7 +4,7 @@ statue as a field of distances.
 Bagher et al. 2016 put the factors of all materials into one "uber-texture" and render straight from it (their Fig. 16
 and appendix); so does this page. A fit is as many rows of ``WIDTH`` texels (rgb, float32) as it has products:
 
-    texels    0 .. 271   D, F, G, rho_d, rho_s as in brdfatlas.uber_texture, G, rho_d and rho_s in the first row; G is
+    texels    0 .. 271   D, F, G, rho_d, rho_s as in export.uber_texture, G, rho_d and rho_s in the first row; G is
                          all 0 for a fit without G. In the alpha of the first D the cumulated mass of its cells, to draw
                          samples from
     texels  272 .. 451   H at the centres of the phi_d cells (the naive model); 1 for all others
@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H
+from brdfatlas.export.uber_texture import D_AT, F_AT, G_AT, RHO_D_AT, RHO_S_AT, WIDTH
 from brdfatlas.files import read_json, read_npz, write_text
 from brdfatlas.fits import load_fit
 from brdfatlas.models import MODELS
 from brdfatlas.reports.data import SceneFacts
 from brdfatlas.reports.pages import as_script, render_page
-from brdfatlas.uber_texture import D_AT, F_AT, G_AT, RHO_D_AT, RHO_S_AT, WIDTH
 
 N_NODES = RHO_D_AT - G_AT
 H_AT = RHO_S_AT + 1

@@ -1,0 +1,194 @@
+"""Pictures for the report: renders, error maps, colour bars, and linear light for the page that compares.
+
+For each scene and model of a material, in one folder:
+
+    {scene}-{model}.webp        tone-mapped render (also of "reference")
+    {scene}-{model}-de00.webp   CIEDE2000, cividis, 0 to 10; larger values are shown as 10
+    {scene}-{model}-flip.webp   FLIP, magma, 0 to 1 (the colour map of FLIP's authors)
+    {scene}-{model}-diff.webp   signed difference of luminance, blue (too dark) - white - red (too bright)
+    {scene}-{model}-hdr.webp    linear radiance, lossless
+
+Ranges are fixed for all, so that maps of different models, scenes and materials compare by eye; what lies outside the
+material is transparent in maps. The difference is that of exposed luminance, ln 2 exposure (Y_fit - Y_reference), 1
+being the display's white; its colour runs as sign(d) sqrt|d| from -1 to 1, so that a hundredth of white is still seen.
+
+**hdr.webp**, for the decoder in JavaScript: an opaque image of h x w radiances is stored 2h high, because browsers
+multiply colours by alpha. The upper half holds mantissas m_r, m_g, m_b, the lower half, at (x, y + h), the exponent
+byte e in all three channels. With bytes 0 to 255 (no colour management: `colorSpaceConversion: "none"`),
+
+    radiance_c = m_c 2^(e - 136),    0 where e = 0,
+
+which is Ward's RGBE, rounded to nearest: relative error of the largest channel <= 1/255.
+"""
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from brdfatlas.files import atomic_path, digests, write_json, write_text
+from brdfatlas.measures.errors import REFERENCE, REFERENCE_AGAIN, Tone, delta_e_map, displayed, flip_map, to_8_bit
+from brdfatlas.rendering.images import Render, load_render, tone_map
+
+#: Rec. 709 luminance of linear rgb.
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+DE00_RANGE = 10.0
+SUFFIXES = ("", "-de00", "-flip", "-diff", "-hdr")
+
+
+def colour_table(name: str) -> np.ndarray:
+    """A matplotlib colour map as (256, 3) uint8."""
+    import matplotlib
+
+    return to_8_bit(matplotlib.colormaps[name](np.arange(256))[:, :3])
+
+
+def apply_colours(values: np.ndarray, table: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Values in [0, 1] (clipped) through a (256, 3) table, opaque where ``mask``; (h, w, 4) uint8."""
+    rgba = np.zeros((*values.shape, 4), np.uint8)
+    rgba[mask, :3] = table[to_8_bit(values[mask])]
+    rgba[mask, 3] = 255
+    return rgba
+
+
+def signed_root(difference: np.ndarray) -> np.ndarray:
+    """[-1, 1] to [0, 1] by sign(d) sqrt|d|, clipped; 0 goes to 1/2."""
+    return 0.5 + 0.5 * np.sign(difference) * np.sqrt(np.minimum(np.abs(difference), 1.0))
+
+
+def luminance_difference(reference: np.ndarray, image: np.ndarray, exposure: float) -> np.ndarray:
+    """ln 2 exposure (Y_image - Y_reference) of (h, w, 3) linear radiance, not clipped; (h, w), 1 is white."""
+    return np.log(2.0) * exposure * ((image.astype(np.float64) - reference) @ LUMINANCE)
+
+
+def encode_hdr(radiance: np.ndarray) -> np.ndarray:
+    """(h, w, 3) linear radiance to (2h, w, 3) uint8 as the module's text says. Negative and non-finite values become 0,
+    values beyond 2^127 the largest that fits."""
+    value = np.clip(np.nan_to_num(radiance.astype(np.float64), posinf=0.0), 0.0, 2.0**126)
+    _, exponent = np.frexp(value.max(-1))
+    mantissa = np.rint(np.ldexp(value, 8 - exponent[..., None]))
+    over = mantissa.max(-1) > 255  # the largest channel rounded up to the next power of two
+    exponent = exponent + over
+    mantissa = np.rint(np.ldexp(value, 8 - exponent[..., None]))
+    stored = np.where(value.max(-1) > 2.0**-120, exponent + 128, 0)
+    mantissa[stored == 0] = 0
+    return np.concatenate([mantissa, np.repeat(stored[..., None], 3, -1)]).astype(np.uint8)
+
+
+def decode_hdr(stored: np.ndarray) -> np.ndarray:
+    """The inverse of :func:`encode_hdr`, (h, w, 3) float64: what the page's script does."""
+    height = len(stored) // 2
+    exponent = stored[height:].astype(int)
+    return np.where(exponent > 0, np.ldexp(stored[:height].astype(np.float64), exponent - 136), 0.0)
+
+
+def write_webp(path: str | os.PathLike, pixels: np.ndarray, *, lossless: bool = False) -> None:
+    """Write (h, w, 3 or 4) uint8 as WebP, quality 85 unless lossless; whole or not at all."""
+    with atomic_path(path) as temporary:
+        # Lossless, method 4 takes four times as long for 6 % less.
+        Image.fromarray(pixels).save(temporary, "WEBP", quality=85, method=2 if lossless else 4, lossless=lossless)
+
+
+def scene_pictures(reference: Render, image: Render, tone: Tone, *, hdr: bool = True) -> dict[str, np.ndarray]:
+    """The pictures of one model and scene by their suffix ("", "-de00", "-flip", "-diff", "-hdr"), uint8."""
+    mask = reference.mask
+    shown, compared = displayed(reference, image, tone)
+    delta = np.zeros(mask.shape)
+    delta[mask] = delta_e_map(reference.mean[mask], image.mean[mask], tone.exposure)
+    signed = signed_root(luminance_difference(reference.mean, image.mean, tone.exposure))
+    pictures = {
+        "": to_8_bit(tone_map(image.mean, *tone)),
+        "-de00": apply_colours(delta / DE00_RANGE, colour_table("cividis"), mask),
+        "-flip": apply_colours(flip_map(shown, compared), colour_table("magma"), mask),
+        "-diff": apply_colours(signed, colour_table("RdBu_r"), mask),
+    }
+    return pictures | ({"-hdr": encode_hdr(image.mean)} if hdr else {})
+
+
+def material_pictures(
+    models: Sequence[str],
+    tones: Mapping[str, Tone],
+    renders: str | os.PathLike,
+    folder: str | os.PathLike,
+    *,
+    hdr: bool = True,
+) -> list[str]:
+    """Write all pictures of one material into ``folder``; returns the names of the files, sorted.
+
+    ``renders`` holds {model}/{scene}.exr. A model that failed gets none, and pictures that an earlier run left for
+    it are removed. The noise floor ("reference_again") gets its maps only.
+    """
+    renders, folder, written = Path(renders), Path(folder), []
+    for scene, tone in tones.items():
+        reference = load_render(renders / REFERENCE / f"{scene}.exr")
+        for model in dict.fromkeys([REFERENCE, *models, REFERENCE_AGAIN]):
+            image = reference if model == REFERENCE else load_render(renders / model / f"{scene}.exr")
+            pictures = {}
+            if image.meta.get("status", "ok") == "ok" and np.isfinite(image.mean).all():
+                pictures = scene_pictures(reference, image, tone, hdr=hdr)
+            keep = {REFERENCE: ("", "-hdr"), REFERENCE_AGAIN: ("-de00", "-flip", "-diff")}.get(model, SUFFIXES)
+            for suffix in SUFFIXES:
+                path = folder / f"{scene}-{model}{suffix}.webp"
+                if suffix in keep and suffix in pictures:
+                    write_webp(path, pictures[suffix], lossless=suffix == "-hdr")
+                    written.append(path.name)
+                else:
+                    path.unlink(missing_ok=True)
+    return sorted(written)
+
+
+def pictures_job(
+    models: Sequence[str],
+    tones: Mapping[str, Sequence[float]],
+    renders: str | os.PathLike,
+    folder: str | os.PathLike,
+    listing: str | os.PathLike,
+    *,
+    hdr: bool = True,
+) -> None:
+    """Write the pictures of one material and a list of them, {"pictures": {name: SHA-256}}, which changes with any of
+    them; ``tones``: scene -> (exposure, gamma)."""
+    named = {scene: Tone(*tone) for scene, tone in tones.items()}
+    written = material_pictures(models, named, renders, folder, hdr=hdr)
+    write_json(listing, {"pictures": digests(folder, written)})
+
+
+def colour_bar(table: np.ndarray, ticks: Iterable[tuple[float, str]], title: str) -> str:
+    """A horizontal colour bar as SVG text: ``ticks`` are (place in [0, 1], label). Grey reads on light and dark."""
+    from xml.sax.saxutils import escape
+
+    left, width, top, height = 24, 312, 22, 14
+    stops = "".join(
+        f'<stop offset="{i / 255:.4f}" stop-color="#{r:02x}{g:02x}{b:02x}"/>'
+        for i, (r, g, b) in enumerate(table)
+        if i % 15 == 0
+    )
+    marks = "".join(
+        f'<path d="M{left + place * width:.1f} {top + height}v4" stroke="#767676"/>'
+        f'<text x="{left + place * width:.1f}" y="{top + height + 17}" text-anchor="middle">{escape(label)}</text>'
+        for place, label in ticks
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 360 58" width="360" height="58" role="img">'
+        f"<title>{escape(title)}</title>"
+        f'<defs><linearGradient id="scale">{stops}</linearGradient></defs>'
+        f'<g font-family="sans-serif" font-size="12" fill="#767676">'
+        f'<text x="{left}" y="15">{escape(title)}</text>'
+        f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="url(#scale)" stroke="#767676"/>'
+        f"{marks}</g></svg>\n"
+    )
+
+
+def write_bars(folder: str | os.PathLike) -> None:
+    """Write bar-de00.svg, bar-flip.svg and bar-diff.svg: the scales of the three kinds of maps."""
+    folder = Path(folder)
+    de00 = [(value / DE00_RANGE, f"{value:g}") for value in (0, 1, 2, 4, 6, 8)] + [(1.0, f"≥ {DE00_RANGE:g}")]
+    flip = [(value, f"{value:g}") for value in (0, 0.2, 0.4, 0.6, 0.8, 1)]
+    steps = (-1, -0.5, -0.2, -0.05, 0, 0.05, 0.2, 0.5, 1)
+    diff = [(float(signed_root(np.array(d))), f"{d:+g}".replace("-", "−") if d else "0") for d in steps]
+    write_text(folder / "bar-de00.svg", colour_bar(colour_table("cividis"), de00, "CIE ΔE00"))
+    write_text(folder / "bar-flip.svg", colour_bar(colour_table("magma"), flip, "FLIP"))
+    title = "luminance, fit − reference (1 = white)"
+    write_text(folder / "bar-diff.svg", colour_bar(colour_table("RdBu_r"), diff, title))

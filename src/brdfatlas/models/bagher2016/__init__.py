@@ -1,0 +1,1 @@
+"""Bagher et al. 2016: non-parametric factor models, and ours that extend them."""

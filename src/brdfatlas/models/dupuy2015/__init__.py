@@ -1,0 +1,1 @@
+"""Dupuy et al. 2015: microfacet distributions by power iterations."""

@@ -1,0 +1,1 @@
+"""Data-driven factorisations: Lawrence et al. 2004, Bilgili et al. 2011."""

@@ -1,0 +1,76 @@
+"""The ABC microfacet model (Löw, Kronander, Ynnerman, Unger 2012), fitted with their metric E2.
+
+rho = kd/pi + A S(theta_h) F(theta_d) G / (pi cos theta_i cos theta_o), S = (1 + B (1 - cos theta_h))^(-C), F the exact
+Fresnel reflectance of a dielectric, G the V-groove. The paper's Eq. 15 has no 1/pi; its published parameters need it.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from brdfatlas.microfacet import dielectric
+from brdfatlas.models.base import Option, Paper, Parameter
+from brdfatlas.models.single_lobe.base import SingleLobeModel, objective_option
+
+LOEW2012 = Paper(
+    "Joakim Löw, Joel Kronander, Anders Ynnerman, Jonas Unger",
+    "BRDF Models for Accurate and Efficient Rendering of Glossy Surfaces",
+    "ACM Transactions on Graphics 31 (1)",
+    2012,
+    "10.1145/2077341.2077350",
+)
+
+
+class ABC(SingleLobeModel):
+    """Diffuse term and one lobe with an inverse power for distribution."""
+
+    name = "abc"
+    title = "ABC microfacet"
+    paper = LOEW2012
+    equations = "Eqs. 11, 15 (with 1/pi); metric Eqs. 31, 32"
+    formula = (
+        "rho = kd/pi + A S F G / (pi cos theta_i cos theta_o); S = (1 + B (1 - cos theta_h))^(-C); "
+        "F dielectric of index eta; G = min(1, 2 (n·h)(n·wo)/(wo·h), 2 (n·h)(n·wi)/(wo·h))"
+    )
+    parameters = (
+        Parameter("kd", (3,), "diffuse albedo, rgb", "", 0.0),
+        Parameter("A", (3,), "height of the lobe, rgb (published 0.08 .. 5700)", "", 0.0),
+        Parameter("B", (1,), "sharpness of the lobe (published 11 .. 8e6)", "", 1e-3, 2e10),
+        Parameter("C", (1,), "fall-off of the lobe (published 0.02 .. 2.7)", "", 0.005, 100.0),
+        Parameter("eta", (1,), "relative index of refraction (published 1.04 .. 100)", "", 1.005, 200.0),
+    )
+    options: ClassVar[Mapping[str, Option]] = {"objective": objective_option("e2")}
+    scale = "A"
+    logarithmic: ClassVar[Mapping[str, float]] = {"B": 0.0, "C": 0.0, "eta": 1.0}
+    products: ClassVar[Mapping[str, str]] = {"B": "C"}
+    start_ranges: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "B": (3.0, 1e7),  # of B C, the curvature at the peak: for large C the lobe is a Gaussian of B C alone
+        "C": (0.1, 4.0),
+        "eta": (1.02, 20.0),
+    }
+
+    def amplitude(self, shape, theta_h, cos_d):
+        """S F. 1 - cos theta_h = 2 sin^2(theta_h / 2) keeps its digits at the highlight."""
+        b, c, eta = shape["B"], shape["C"], shape["eta"]
+        stretched = b * 2 * np.sin(theta_h / 2) ** 2
+        log_base = np.log1p(stretched)
+        s = np.exp(-c * log_base)
+        f = dielectric(cos_d, eta)
+        product = s * f
+        slopes = {
+            "B": product * (-c / b) * stretched / (1 + stretched),
+            "C": -product * log_base,
+            "eta": s * dielectric_slope(cos_d, eta),
+        }
+        return product, slopes
+
+
+def dielectric_slope(cos_d, eta):
+    """The derivative of :func:`brdfatlas.microfacet.dielectric` by ``eta`` > 1."""
+    g = np.sqrt(eta * eta - 1 + cos_d * cos_d)
+    a = (g - cos_d) / (g + cos_d)
+    below = cos_d * (g - cos_d) + 1
+    b = (cos_d * (g + cos_d) - 1) / below
+    by_g = a * (1 + b * b) * 2 * cos_d / (g + cos_d) ** 2 + a * a * b * 2 * cos_d * (1 - cos_d * cos_d) / below**2
+    return by_g * eta / g
