@@ -6,7 +6,6 @@ import pytest
 import yaml
 
 from brdfatlas.measured import FILE_BYTES, write_merl
-from brdfatlas.pipeline import configuration
 from brdfatlas.pipeline.configuration import (
     ConfigError,
     check,
@@ -18,6 +17,7 @@ from brdfatlas.pipeline.configuration import (
     read_yaml,
 )
 from brdfatlas.pipeline.materials import find_materials
+from brdfatlas.settings import check_name
 
 ROOT = Path(__file__).resolve().parents[2]
 

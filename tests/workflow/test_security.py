@@ -78,8 +78,7 @@ def test_hostile_paths_and_files_do_no_harm_in_a_run(project):
     folder.mkdir(parents=True)
     felt = folder / "felt.binary"
     program = (
-        "import sys; from brdfatlas.pipeline.standins import write_standin; "
-        "write_standin('pink-felt', sys.argv[1])"
+        "import sys; from brdfatlas.pipeline.standins import write_standin; write_standin('pink-felt', sys.argv[1])"
     )
     subprocess.run([sys.executable, "-c", program, str(felt)], check=True)
     names = ["a b; touch pwned", "$(touch pwned)", "<script>alert(1)<", "-rf", "new\nline", "..", "a&&touch pwned"]
