@@ -46,7 +46,7 @@ use rule draw_pictures as draw_ablation with:
         source=sources("brdfatlas.figures.pictures"),
     output:
         listing="results/ablation/{material}.json",
-        references=expand("reports/ablation/{{material}}/{scene}-reference.webp", scene=SCENES),
+        references=expand("reports/ablation/{{material}}/renders/{scene}/reference/render.webp", scene=SCENES),
     log:
         "results/logs/draw_ablation/{material}.log",
     benchmark:

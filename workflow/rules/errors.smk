@@ -23,13 +23,13 @@ rule measure_errors:
         source=sources("brdfatlas.measures.errors"),
     output:
         images=report(
-            "results/errors/{material}.tsv",
+            "results/errors/{material}/images.tsv",
             caption="../captions/errors.rst",
             category="Materials",
             subcategory="{material}",
             labels={"what": "image errors of every model"},
         ),
-        brdf="results/errors/{material}.brdf.tsv",
+        brdf="results/errors/{material}/brdf.tsv",
     log:
         "results/logs/measure_errors/{material}.log",
     benchmark:
@@ -53,8 +53,8 @@ rule measure_errors:
 
 rule tabulate_errors:
     input:
-        errors=expand("results/errors/{material}.tsv", material=MATERIALS),
-        brdf=expand("results/errors/{material}.brdf.tsv", material=MATERIALS),
+        errors=expand("results/errors/{material}/images.tsv", material=MATERIALS),
+        brdf=expand("results/errors/{material}/brdf.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
         source=sources("brdfatlas.measures.tables"),

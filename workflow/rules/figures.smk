@@ -8,7 +8,7 @@ rule draw_pictures:
     output:
         # Hundreds of pictures a material would burden the DAG: a list stands for them, the reference's are watched.
         listing="results/pictures/{material}.json",
-        references=expand("reports/materials/{{material}}/{scene}-reference.webp", scene=SCENES),
+        references=expand("reports/materials/{{material}}/renders/{scene}/reference/render.webp", scene=SCENES),
     log:
         "results/logs/draw_pictures/{material}.log",
     benchmark:
@@ -82,7 +82,7 @@ rule draw_figures:
 
 rule draw_summary:
     input:
-        errors=expand("results/errors/{material}.tsv", material=MATERIALS),
+        errors=expand("results/errors/{material}/images.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         source=sources("brdfatlas.figures.jobs"),
     output:

@@ -11,8 +11,8 @@ RUN_FILES = {
     name: {
         "facts": f"results/materials/{name}.json",
         "fits": [f"results/fits/{name}/{model}.json" for model in MODELS],
-        "errors": f"results/errors/{name}.tsv",
-        "brdf": f"results/errors/{name}.brdf.tsv",
+        "errors": f"results/errors/{name}/images.tsv",
+        "brdf": f"results/errors/{name}/brdf.tsv",
     }
     for name in MATERIALS
 }
@@ -28,8 +28,8 @@ rule write_material_page:
     input:
         facts="results/materials/{material}.json",
         fits=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        errors="results/errors/{material}.tsv",
-        brdf="results/errors/{material}.brdf.tsv",
+        errors="results/errors/{material}/images.tsv",
+        brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
@@ -40,7 +40,7 @@ rule write_material_page:
     output:
         page="reports/materials/{material}.html",
         thumbnail="reports/materials/{material}/thumb.webp",
-        tables=expand("reports/data/{{material}}.{table}.tsv", table=MATERIAL_TABLES),
+        tables=expand("reports/data/materials/{{material}}/{table}.tsv", table=MATERIAL_TABLES),
     log:
         "results/logs/write_material_page/{material}.log",
     benchmark:
@@ -53,7 +53,7 @@ rule write_material_page:
         runtime=5,
     params:
         pictures="reports/materials/{material}",
-        data=lambda wildcards, output: str(Path(output.tables[0]).parent),
+        data="reports/data",
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
         materials=neighbours,
         models=MODELS,
@@ -76,7 +76,7 @@ rule write_model_pages:
         templates=beside_site("templates", ".j2"),
     output:
         pages=expand("reports/models/{model}.html", model=MODELS),
-        tables=expand("reports/data/model-{model}.{table}.tsv", model=MODELS, table=MODEL_TABLES),
+        tables=expand("reports/data/models/{model}/{table}.tsv", model=MODELS, table=MODEL_TABLES),
     log:
         "results/logs/write_model_pages.log",
     benchmark:
@@ -88,7 +88,7 @@ rule write_model_pages:
         folder=lambda wildcards, output: str(Path(output.pages[0]).parent),
         files=RUN_FILES,
         pictures="reports/materials",
-        data=lambda wildcards, output: str(Path(output.tables[0]).parent),
+        data="reports/data",
         models=MODELS,
         model_files=MODEL_FILES,
         scenes=SHOWN_SCENES,
@@ -169,8 +169,8 @@ rule typeset_material:
     input:
         facts="results/materials/{material}.json",
         fits=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        errors="results/errors/{material}.tsv",
-        brdf="results/errors/{material}.brdf.tsv",
+        errors="results/errors/{material}/images.tsv",
+        brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars="reports/assets/bar-de00.svg",
@@ -238,11 +238,11 @@ rule write_uber_texture:
         reports=lambda wildcards: expand("results/fits/{material}/{{model}}.json", material=texture_rows(wildcards)),
         source=sources("brdfatlas.export.uber_texture"),
     output:
-        "reports/data/uber-texture-{model}-{part}.exr",
+        "reports/data/models/{model}/uber-texture-{part}.exr",
     log:
-        "results/logs/write_uber_texture/{model}-{part}.log",
+        "results/logs/write_uber_texture/{model}/{part}.log",
     benchmark:
-        "results/benchmarks/write_uber_texture/{model}-{part}.tsv"
+        "results/benchmarks/write_uber_texture/{model}/{part}.tsv"
     wildcard_constraints:
         part=r"\d+",
     resources:
@@ -256,7 +256,7 @@ rule write_uber_texture:
 
 rule write_viewer:
     input:
-        textures=expand("reports/data/uber-texture-{model}-{part}.exr", model=FACTORED, part=TEXTURE_PARTS),
+        textures=expand("reports/data/models/{model}/uber-texture-{part}.exr", model=FACTORED, part=TEXTURE_PARTS),
         fits=expand("results/fits/{material}/{model}.npz", material=MATERIALS, model=MODELS),
         reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
@@ -277,7 +277,7 @@ rule write_viewer:
         data=lambda wildcards, output: str(Path(output.script).parent),
         fits=[(model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
         materials={material: f"results/materials/{material}.json" for material in MATERIALS},
-        textures=lambda wildcards, input: [Path(path).name for path in input.textures],
+        textures=lambda wildcards, input: [os.path.relpath(path, "reports/data") for path in input.textures],
         model_files=MODEL_FILES,
         scenes=SHOWN_SCENES,
         links=LINKS,

@@ -50,11 +50,11 @@ def figures_job(
     folder: str | os.PathLike,
     listing: str | os.PathLike,
 ) -> None:
-    """Draw the figures of one material into ``folder`` and write a list of them, {"figures": {name: SHA-256}}, which
+    """Draw the figures of one material into ``folder`` and write a list of them, {"figures": {file: SHA-256}}, which
     changes with any of them.
 
-    lobes.svg with every model that has a fit (the reference alone if none has); functions-{model}.svg where a model has
-    an NDF and a Fresnel curve; for factor models factors-{model}.svg, convergence-{model}.svg, slices.webp and
+    lobes.svg with every model that has a fit (the reference alone if none has); functions/{model}.svg where a model has
+    an NDF and a Fresnel curve; for factor models factors/{model}.svg, convergence/{model}.svg, slices.webp and
     weights.svg. Figures of an earlier run that this one does not draw are removed.
     """
     register(model_files)
@@ -71,19 +71,19 @@ def figures_job(
     for name, fit in loaded.items():
         title = titles[name]
         others = {titles[other]: loaded[other] for other in loaded if other != name}
-        path = folder / f"functions-{name}.svg"
+        path = folder / "functions" / f"{name}.svg"
         if plot_functions(fit, path, others=others, title=title):
-            drawn.add(path.name)
-        path = folder / f"factors-{name}.svg"
+            drawn.add(path.relative_to(folder).as_posix())
+        path = folder / "factors" / f"{name}.svg"
         if title in factored and plot_factors({title: fit}, path):
-            drawn.add(path.name)
-        path = folder / f"convergence-{name}.svg"
+            drawn.add(path.relative_to(folder).as_posix())
+        path = folder / "convergence" / f"{name}.svg"
         channels = (read_json(Path(fits) / f"{name}.json").get("details") or {}).get("channels")
         if title in factored and channels and plot_convergence(channels, path, title=title):
-            drawn.add(path.name)
-    for pattern in ("functions-*.svg", "factors-*.svg", "convergence-*.svg", "slices.webp", "weights.svg"):
+            drawn.add(path.relative_to(folder).as_posix())
+    for pattern in ("functions/*.svg", "factors/*.svg", "convergence/*.svg", "slices.webp", "weights.svg"):
         for path in folder.glob(pattern):
-            if path.name not in drawn:
+            if path.relative_to(folder).as_posix() not in drawn:
                 path.unlink()
     write_json(listing, {"figures": digests(folder, sorted(drawn))})
 

@@ -15,8 +15,8 @@ NOT_MODELS = ("reference", "reference_again")
 def mean_psnr(errors: pd.DataFrame, column: str = "psnr_db") -> pd.DataFrame:
     """PSNR averaged over scenes: materials x models, NaN where a fit failed.
 
-    ``errors``: rows with material, model, scene and ``column`` (results/errors/*.tsv, one after the other). An infinite
-    PSNR (equal images) counts as 100 dB. ValueError names a missing column.
+    ``errors``: rows with material, model, scene and ``column`` (results/errors/*/images.tsv in turn). An infinite PSNR
+    (equal images) counts as 100 dB. ValueError names a missing column.
     """
     for name in ("material", "model", "scene", column):
         if name not in errors:

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from brdfatlas.figures.pictures import picture_file
 from brdfatlas.files import read_json
 from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.reports.data import REFERENCE, SceneFacts, model_facts, write_tsv
@@ -127,7 +128,7 @@ def _pictures(
 ) -> dict[tuple[str, str, str], Picture | None]:
     """(material, scene, "reference" or "model.variant") -> its picture."""
     return {
-        (item["name"], scene.name, name): find_picture(page, folder / item["name"] / f"{scene.name}-{name}.webp")
+        (item["name"], scene.name, name): find_picture(page, picture_file(folder / item["name"], scene.name, name))
         for item in materials
         for scene in scenes
         for name in (REFERENCE, *variants)
