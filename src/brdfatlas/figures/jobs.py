@@ -1,16 +1,20 @@
 """Which figures a material and a run get. The body of the rules draw_figures and draw_summary."""
 
+import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from brdfatlas.figures.curves import function_curves, lobe_curves, plot_curves
 from brdfatlas.figures.factors import plot_convergence, plot_factors, plot_slices, plot_weights
 from brdfatlas.figures.functions import plot_functions
 from brdfatlas.figures.lobes import plot_lobes
 from brdfatlas.figures.summary import plot_summary
-from brdfatlas.files import digests, read_json, write_json
+from brdfatlas.files import digests, read_json, write_json, write_text
 from brdfatlas.fits import Fit, load_fit
-from brdfatlas.measured import read_merl
+from brdfatlas.measured import Measured, read_merl
 from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS
 
@@ -60,9 +64,12 @@ def figures_job(
     register(model_files)
     folder = Path(folder)
     measured, loaded, titles = read_merl(binary), load_fits(models, fits), titles_of(models)
-    tables = {titles[name]: fit.table() for name, fit in loaded.items()}
-    plot_lobes(measured.table, measured.valid, tables or {"reference, no fit": measured.table}, folder / "lobes.svg")
-    drawn = {"lobes.svg"}
+    tables = {name: fit.table() for name, fit in loaded.items()}
+    shown = {titles[name]: table for name, table in tables.items()} or {"reference, no fit": measured.table}
+    plot_lobes(measured.table, measured.valid, shown, folder / "lobes.svg")
+    drawn = {"lobes.svg", "curves.js"}
+    if write_curves(folder, measured, loaded, tables, titles):
+        drawn.add("functions.svg")
     factored = {titles[name]: fit for name, fit in loaded.items() if has_factors(fit)}
     if factored:
         plot_slices(measured, factored, folder / "slices.webp")
@@ -81,11 +88,27 @@ def figures_job(
         channels = (read_json(Path(fits) / f"{name}.json").get("details") or {}).get("channels")
         if title in factored and channels and plot_convergence(channels, path, title=title):
             drawn.add(path.relative_to(folder).as_posix())
-    for pattern in ("functions/*.svg", "factors/*.svg", "convergence/*.svg", "slices.webp", "weights.svg"):
+    for pattern in ("functions/*.svg", "factors/*.svg", "convergence/*.svg", "functions.svg", "slices.webp", "weights.svg"):
         for path in folder.glob(pattern):
             if path.relative_to(folder).as_posix() not in drawn:
                 path.unlink()
     write_json(listing, {"figures": digests(folder, sorted(drawn))})
+
+
+def write_curves(
+    folder: Path,
+    measured: Measured,
+    fits: Mapping[str, Fit],
+    tables: Mapping[str, np.ndarray],
+    titles: Mapping[str, str],
+) -> bool:
+    """Write the numbers of a material's charts as ``curves.js``, which calls ``ATLAS_CURVES`` (a page from a file may
+    run a script, but not read a file), and its functions as functions.svg; whether there is one."""
+    functions = {name: MODELS[fit.model].functions(fit.parameters) for name, fit in fits.items()}
+    lobes = lobe_curves(measured.table, measured.valid, tables)
+    content = {"functions": function_curves(functions), "lobes": lobes}
+    write_text(folder / "curves.js", f"window.ATLAS_CURVES({json.dumps(content, separators=(',', ':'))});\n")
+    return plot_curves(content["functions"], titles, folder / "functions.svg")
 
 
 def summary_job(

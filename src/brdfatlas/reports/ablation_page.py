@@ -7,10 +7,11 @@ from typing import Any
 
 import pandas as pd
 
+from brdfatlas.constants import REFERENCE
 from brdfatlas.figures.pictures import picture_file
 from brdfatlas.files import read_json
 from brdfatlas.measures.tsv import read_tsv
-from brdfatlas.reports.data import REFERENCE, SceneFacts, model_facts, write_tsv
+from brdfatlas.reports.data import SceneFacts, model_facts, write_tsv
 from brdfatlas.reports.pages import Picture, find_picture, render_page
 
 #: Measures of the table of means: key, heading, decimals.

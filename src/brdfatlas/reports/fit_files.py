@@ -6,13 +6,14 @@ import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from brdfatlas.export.fit_json import export_json
 from brdfatlas.files import atomic_path
+from brdfatlas.fits import load_fit
 
 #: Endings of a fit's files, in the order of the page, with what each is for.
 ENDINGS: Mapping[str, str] = {
     ".npz": "fit: load_fit, Mitsuba plugin",
     ".json": "parameters as text",
-    ".binary": "table in MERL format",
     ".xml": "Mitsuba scene",
     ".mtlx": "MaterialX",
     ".gltf": "glTF",
@@ -30,17 +31,19 @@ def files_of(material_folder: str | Path, model: str) -> list[str]:
     return [ending for ending in ENDINGS if (folder / f"{model}{ending}").is_file()]
 
 
-def copy_file(source: str | os.PathLike, target: Path) -> None:
-    """A copy, whole or not at all."""
-    with atomic_path(target) as temporary:
-        shutil.copyfile(source, temporary)
-
-
-def copy_fits(fits: Sequence[str | os.PathLike], folder: str | Path) -> list[str]:
-    """Copy the good fits (.npz; failed ones are empty files) and their JSON beside each other; names of the files."""
-    folder, written = Path(folder), []
+def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike) -> list[str]:
+    """Copy every good fit (.npz; a failed one is an empty file) into ``folder`` and write its parameters as JSON beside
+    it; returns the names of the files. Files of an earlier run that this one does not write are removed."""
+    folder, written = Path(folder), set()
     for path in map(Path, fits):
-        if path.stat().st_size:
-            copy_file(path, folder / path.name)
-            written.append(path.name)
-    return written
+        if not path.stat().st_size:
+            continue
+        target = folder / path.name
+        with atomic_path(target) as temporary:
+            shutil.copyfile(path, temporary)
+        export_json(load_fit(path), target.with_suffix(".json"))
+        written |= {target.name, target.with_suffix(".json").name}
+    for path in folder.glob("*"):
+        if path.name not in written and path.suffix in ENDINGS:
+            path.unlink()
+    return sorted(written)

@@ -27,7 +27,6 @@ from brdfatlas.reports.data import (
 )
 from brdfatlas.reports.fit_files import files_of
 from brdfatlas.reports.formats import digits, storage
-from brdfatlas.reports.formats import seconds as duration
 from brdfatlas.reports.pages import as_script, render_page
 
 #: Above so many materials the recommendation has a row a class, which opens into its materials.
@@ -271,11 +270,6 @@ def findings(materials: Sequence[Material], summary: Summary) -> str:
     aside = [summary.models[name].title for name in summary.models if summary.missing[name]]
     if aside:
         text += f" Not ranked, because failures left fewer pictures: {', '.join(aside)}."
-    quick = [name for name in ranked if not math.isnan(summary.cost(name, "seconds"))]
-    if len(quick) > 1:
-        fast = min(quick, key=lambda name: summary.cost(name, "seconds"))
-        text += f" The fastest fit is {summary.models[fast].title}, {duration(summary.cost(fast, 'seconds'))}"
-        text += f" per material (ΔE00 {digits(summary.value(fast), LEADING.digits)})."
     return text
 
 

@@ -18,7 +18,8 @@ from PIL import Image
 import brdfatlas
 from brdfatlas.figures.pictures import picture_file
 from brdfatlas.files import atomic_path, write_text
-from brdfatlas.reports.data import REFERENCE, SceneFacts
+from brdfatlas.constants import REFERENCE
+from brdfatlas.reports.data import SceneFacts
 from brdfatlas.reports.formats import FILTERS
 
 HERE = Path(__file__).parent
