@@ -9,13 +9,13 @@ from urllib.parse import quote
 
 import pandas as pd
 
+from brdfatlas.constants import REFERENCE
 from brdfatlas.figures.pictures import picture_file
 from brdfatlas.measures.ranking import best_rows
 from brdfatlas.reports.data import (
     BRDF_MEASURES,
     MEASURES,
     NOISE_FLOOR,
-    REFERENCE,
     Material,
     Measure,
     ModelFacts,
@@ -24,7 +24,7 @@ from brdfatlas.reports.data import (
     model_facts,
     parameters_frame,
     physics_of,
-    published_table,
+    published_row,
     read_material,
     score_of,
     write_tsv,
@@ -116,7 +116,7 @@ def write_material_page(
         entry.pictures = _pictures(output, pictures, entry.name, scenes)
     mark_best(material, entries, scenes)
     for entry in entries:
-        entry.published = published_table(published, entry.name, material.name)
+        entry.published = published_row(published, entry.name, material.name)
         entry.table = _beside(entry.published, (entry.fit or {}).get("parameters") or {})
 
     tables = {

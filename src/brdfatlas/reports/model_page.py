@@ -9,10 +9,10 @@ from urllib.parse import quote
 
 import pandas as pd
 
+from brdfatlas.constants import REFERENCE
 from brdfatlas.figures.pictures import picture_file
 from brdfatlas.reports.data import (
     MEASURES,
-    REFERENCE,
     Material,
     ModelFacts,
     SceneFacts,

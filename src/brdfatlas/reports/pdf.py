@@ -20,12 +20,12 @@ from pypdf import PdfReader, PdfWriter
 from pypdf.annotations import Link
 from pypdf.generic import Fit
 
+from brdfatlas.constants import REFERENCE
 from brdfatlas.figures.pictures import picture_file
 from brdfatlas.files import atomic_path, read_json
 from brdfatlas.reports.data import (
     MEASURES,
     NOISE_FLOOR,
-    REFERENCE,
     Material,
     ModelFacts,
     SceneFacts,
