@@ -26,7 +26,7 @@ from brdfatlas.reports.data import (
     model_facts,
     pareto_front,
     physics_of,
-    published_table,
+    published_row,
     read_tsv,
     score_models,
     write_tsv,
@@ -140,11 +140,11 @@ def test_tables_survive_writing_and_reading(tmp_path):
 
 def test_published_figures_are_found():
     folder = ROOT / "config" / "published" / "bilgili2011"
-    row = published_table(folder, "ward", "alum-bronze")
+    row = published_row(folder, "ward", "alum-bronze")
     assert row["alpha_3"] == 0.017165
     assert row["psnr_db"] == 25.47534
-    assert published_table(folder, "tucker", "alum-bronze") == {"psnr_db": 37.8664}
-    assert published_table(folder, "ward", "no such") == {}
+    assert published_row(folder, "tucker", "alum-bronze") == {"psnr_db": 37.8664}
+    assert published_row(folder, "ward", "no such") == {}
 
 
 def test_strips_keep_order_and_extremes():
@@ -392,26 +392,3 @@ def test_physics_of_a_fit_is_the_largest_albedo_and_none_where_it_was_not_checke
     nothing = dict.fromkeys(checks)
     assert physics_of(None) == physics_of({"status": "failed"}) == nothing
     assert physics_of({"physics": checks | {"max_albedo": [0.2, None, 0.1]}})["max_albedo"] is None, "NaN in JSON"
-
-
-def test_ablation_means_compare_what_both_objectives_have():
-    """A render that failed under one objective does not count in the difference of the two."""
-    from brdfatlas.reports.ablation_page import describe, mean_rows, split_variants
-
-    variants = {f"naive.{name}": {"model": "naive", "options": {}} for name in ("published", "flat.one")}
-    rows = [
-        ("a", "naive.published", "ok", 50.0),
-        ("b", "naive.published", "ok", 30.0),
-        ("a", "naive.flat.one", "ok", 44.0),
-        ("b", "naive.flat.one", "failed", float("nan")),
-        ("a", "reference_again", "ok", 60.0),
-    ]
-    frame = pd.DataFrame(rows, columns=["material", "model", "status", "psnr_db"])
-    frame = frame.assign(scene="studio", de00_mean=1.0, flip_mean=0.1)
-    split = split_variants(frame, variants)
-    assert list(split["variant"]) == ["published", "published", "flat.one", "flat.one"]
-    first, second = mean_rows(split, ["naive"], ["published", "flat.one"])
-    assert (first["psnr_db"], first["difference"], first["count"], first["failed"]) == (40.0, 0.0, 2, 0)
-    assert (second["psnr_db"], second["difference"], second["count"], second["failed"]) == (44.0, -6.0, 1, 1)
-    assert describe("x", {}).words == "as published"
-    assert describe("x", {"power": 0, "max_angle": 80}).words == "no compressive weight, angles up to 80°"

@@ -1,6 +1,5 @@
 # The run's materials, models and scenes, checked before any work, and the few helpers that rules share.
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -11,9 +10,8 @@ from brdfatlas.pipeline.configuration import (
     files_of_scene,
     read_assets,
     read_config,
-    read_models,
-    read_variants,
 )
+from brdfatlas.models import read_entries
 from brdfatlas.pipeline.jobs import revision, versions
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.progress import Progress
@@ -21,7 +19,7 @@ from brdfatlas.pipeline.recovery import record_outputs, recover
 from brdfatlas.pipeline.sources import list_sources, module_path
 from brdfatlas.rendering.scenes import read_scenes
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
-from brdfatlas.export.uber_texture import HEIGHT, MODELS_WITH_FACTORS
+from brdfatlas.export.uber_texture import HEIGHT, has_row
 from snakemake.logging import logger
 
 # Only the process that will run jobs mends what an earlier run left, and follows the jobs: no dry run, no job itself,
@@ -30,11 +28,10 @@ STARTING = workflow.is_main_process and not workflow.output_settings.dryrun and 
 
 try:
     config = read_config(config)
-    ALL_MODELS = read_models(config["models_file"])
+    ALL_ENTRIES = read_entries(config["models_file"])
     ALL_SCENES = read_scenes(config["scenes_file"])
-    MODELS = choose(config["models"], list(ALL_MODELS), "models", config["models_file"])
+    MODELS = choose(config["models"], list(ALL_ENTRIES), "models", config["models_file"])
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
-    VARIANTS = read_variants(config["ablation"], ALL_MODELS)
     ASSETS = read_assets("config/assets.yaml")
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     if STARTING:
@@ -43,14 +40,10 @@ try:
 except ValueError as error:
     raise WorkflowError(str(error)) from None
 
-# What can be fitted: the models, and those of the ablation with other options.
-FITTED = ALL_MODELS | VARIANTS
+# The rows of the run, for every job that says more of a model than its name.
+ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
 
 VERSIONS = versions()
-
-# Models of your own, for every job that loads a fit of one.
-OWN_MODELS = {name: model["source"] for name, model in ALL_MODELS.items() if model["source"]}
-os.environ.update(BRDFATLAS_MODELS=json.dumps(OWN_MODELS))
 
 if STARTING:
     logger.addHandler(Progress("results/progress.log", workflow.resource_settings.cores or 1, finished=record_outputs))
@@ -61,13 +54,6 @@ MATERIALS = list(BINARIES)
 PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)
-
-# A material that this run does not have is missed by the ablation only.
-WANTED = MATERIALS if config["ablation"]["materials"] == "all" else config["ablation"]["materials"]
-ABLATED = [name for name in WANTED if name in BINARIES]
-for name in WANTED:
-    if name not in BINARIES:
-        print(f"left out of the ablation: {name} is not a material of this run", file=sys.stderr)
 
 
 wildcard_constraints:
@@ -103,7 +89,7 @@ def neighbours(wildcards):
 
 def model_sources(wildcards):
     """The model's own file and what it imports: editing one model refits that model only."""
-    return sources(FITTED[wildcards.model]["module"], "brdfatlas.fits", "brdfatlas.measures.physics")
+    return sources(ALL_ENTRIES[wildcards.model].module, "brdfatlas.fits", "brdfatlas.measures.physics")
 
 
 def scene_files(names):

@@ -2,7 +2,6 @@
 import re
 
 TONES = {name: (ALL_SCENES[name]["exposure"], ALL_SCENES[name]["gamma"]) for name in SCENES}
-MODEL_FILES = {name: OWN_MODELS[name] for name in MODELS if name in OWN_MODELS}
 RENDERS = expand(
     "results/renders/{{material}}/{model}/{scene}.exr", model=["reference", "reference_again", *MODELS], scene=SCENES
 )
@@ -43,7 +42,6 @@ rule measure_errors:
         runtime=lambda wildcards, attempt: 10 * attempt,
     params:
         models=MODELS,
-        model_files=MODEL_FILES,
         tones=TONES,
     message:
         "measuring the errors of {wildcards.material}"

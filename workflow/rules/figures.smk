@@ -73,7 +73,7 @@ rule draw_figures:
         runtime=lambda wildcards, attempt: 10 * attempt,
     params:
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
     message:
         "lobes and functions of {wildcards.material}"
     script:
@@ -101,7 +101,7 @@ rule draw_summary:
         runtime=5,
     params:
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
     message:
         "sorted errors of all models"
     script:

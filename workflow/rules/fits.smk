@@ -17,9 +17,7 @@ rule fit_model:
         mem_mb=lambda wildcards, attempt: 1000 * attempt,
         runtime=lambda wildcards, attempt: 20 * attempt,
     params:
-        model=lambda wildcards: FITTED[wildcards.model]["model"],
-        options=lambda wildcards: FITTED[wildcards.model]["options"],
-        source=lambda wildcards: FITTED[wildcards.model]["source"],
+        entry=lambda wildcards: ALL_ENTRIES[wildcards.model].plain,
         seed=config["seed"],
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:

@@ -63,7 +63,7 @@ rule record_run:
         runtime=5,
     params:
         config=config,
-        models={name: ALL_MODELS[name]["options"] for name in MODELS},
+        models={name: ALL_ENTRIES[name].plain for name in MODELS},
         materials=BINARIES,
         left_out=[vars(item) for item in LEFT_OUT],
         revision=lambda wildcards: revision(Path.cwd()),

@@ -19,7 +19,7 @@ RUN_FILES = {
 MATERIAL_TABLES = ["errors", "brdf", "fits", "parameters", "published"]
 MODEL_TABLES = ["errors", "fits", "parameters"]
 # Rows of a texture are materials; where there are more than it has rows, there are several.
-FACTORED = [name for name in MODELS if name in MODELS_WITH_FACTORS]
+FACTORED = [name for name in MODELS if has_row(ALL_ENTRIES[name].instance)]
 TEXTURE_PARTS = range(1, -(-len(MATERIALS) // HEIGHT) + 1)
 RUN_TABLES = ["materials", "models", "errors", "brdf", "fits", "parameters", "left_out"]
 
@@ -57,7 +57,7 @@ rule write_material_page:
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
         materials=neighbours,
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
@@ -90,7 +90,7 @@ rule write_model_pages:
         pictures="reports/materials",
         data="reports/data",
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
@@ -131,7 +131,7 @@ rule write_index:
         files=RUN_FILES,
         data=lambda wildcards, output: str(Path(output.script).parent),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
@@ -190,7 +190,7 @@ rule typeset_material:
         pictures="reports/materials/{material}",
         assets=lambda wildcards, input: str(Path(input.bars).parent),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
     message:
         "PDF pages of {wildcards.material}"
@@ -224,7 +224,7 @@ rule write_supplement:
         number=len(MATERIALS),
         files=RUN_FILES,
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
     message:
         "joining the PDF of {params.number} materials"
@@ -278,7 +278,7 @@ rule write_viewer:
         fits=[(model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
         materials={material: f"results/materials/{material}.json" for material in MATERIALS},
         textures=lambda wildcards, input: [os.path.relpath(path, "reports/data") for path in input.textures],
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:

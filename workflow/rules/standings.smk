@@ -23,7 +23,7 @@ rule write_standings:
         runtime=5,
     params:
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         links=LINKS,
     message:
         "page of standings"

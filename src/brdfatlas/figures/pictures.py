@@ -29,12 +29,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from brdfatlas.constants import LUMINANCE, REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import atomic_path, digests, write_json, write_text
-from brdfatlas.measures.errors import REFERENCE, REFERENCE_AGAIN, Tone, delta_e_map, displayed, flip_map, to_8_bit
+from brdfatlas.measures.errors import Tone, delta_e_map, displayed, flip_map, to_8_bit
 from brdfatlas.rendering.images import Render, load_render, tone_map
 
-#: Rec. 709 luminance of linear rgb.
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 DE00_RANGE = 10.0
 KINDS = ("render", "de00", "flip", "diff", "hdr")
 

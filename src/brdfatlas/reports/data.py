@@ -99,12 +99,6 @@ class Material:
         return record.get("bytes") if record.get("status") == "ok" else None
 
 
-def register_models(files: Mapping[str, str | Path]) -> None:
-    """Make models outside the package known to this process: name -> path of its file."""
-    for name, path in files.items():
-        MODELS.register_file(name, path)
-
-
 def model_facts(name: str) -> ModelFacts:
     """Facts of a registered model. KeyError if nobody knows it."""
     model = MODELS[name]
@@ -197,7 +191,7 @@ def read_material(
     found = {}
     for path in fits:
         record = read_json(path)
-        found[str(record.get("model") or Path(path).stem)] = record
+        found[str(record.get("entry") or record.get("model") or Path(path).stem)] = record
     return Material(
         read_json(facts),
         found,
@@ -287,7 +281,7 @@ def _one_line(text: Any) -> str:
     return " ".join(str(text).split())
 
 
-def published_table(folder: str | Path | None, model: str, material: str) -> dict[str, float]:
+def published_row(folder: str | Path | None, model: str, material: str) -> dict[str, float]:
     """The published parameters and psnr_db of a model on a material; empty where nothing was published."""
     if folder is None:
         return {}

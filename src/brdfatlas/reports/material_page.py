@@ -22,7 +22,7 @@ from brdfatlas.reports.data import (
     model_facts,
     parameters_frame,
     physics_of,
-    published_table,
+    published_row,
     read_material,
     summarise_run,
     write_tsv,
@@ -175,7 +175,7 @@ def make_entries(
     entries = [make_entry(material, name, summary.models[name], scenes) for name in order]
     mark_best(material, entries, scenes)
     for entry in entries:
-        theirs = published_table(published, entry.name, material.name)
+        theirs = published_row(published, entry.name, material.name)
         entry.parameters = parameter_table(entry, theirs)
     return entries
 

@@ -16,9 +16,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from PIL import Image
 
 import brdfatlas
+from brdfatlas.constants import REFERENCE
 from brdfatlas.figures.pictures import picture_file
 from brdfatlas.files import atomic_path, write_text
-from brdfatlas.constants import REFERENCE
 from brdfatlas.reports.data import SceneFacts
 from brdfatlas.reports.formats import FILTERS
 
