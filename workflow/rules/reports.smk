@@ -21,7 +21,30 @@ MODEL_TABLES = ["errors", "fits", "parameters"]
 # Rows of a texture are materials; where there are more than it has rows, there are several.
 FACTORED = [name for name in MODELS if has_row(ALL_ENTRIES[name].instance)]
 TEXTURE_PARTS = range(1, -(-len(MATERIALS) // HEIGHT) + 1)
-RUN_TABLES = ["materials", "models", "errors", "brdf", "fits", "parameters", "left_out"]
+RUN_TABLES = ["materials", "recommended", "models", "errors", "brdf", "fits", "parameters", "left_out"]
+
+
+rule write_fits:
+    input:
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        source=sources("brdfatlas.reports.fit_files"),
+    output:
+        # Which files a fit has depends on the fit: a list stands for them.
+        listing="results/fit_files/{material}.json",
+    log:
+        "results/logs/write_fits/{material}.log",
+    benchmark:
+        "results/benchmarks/write_fits/{material}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=lambda wildcards, attempt: 400 * attempt,
+        runtime=5,
+    params:
+        folder="reports/materials/{material}/fits",
+    message:
+        "fits of {wildcards.material} to take away"
+    script:
+        "../scripts/write_fits.py"
 
 
 rule write_material_page:
@@ -32,6 +55,7 @@ rule write_material_page:
         brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
+        files="results/fit_files/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
         assets=expand("reports/assets/{asset}", asset=asset_names()),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
@@ -118,7 +142,7 @@ rule write_index:
             "reports/data/models.tsv",
             caption="../captions/models.rst",
             category="Results",
-            labels={"what": "models, means over all materials and scenes"},
+            labels={"what": "models, medians over the materials"},
         ),
     log:
         "results/logs/write_index.log",
@@ -174,6 +198,7 @@ rule typeset_material:
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars="reports/assets/bar-de00.svg",
+        published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
         source=sources(PDF),
         templates=beside_site("templates", ".typ"),
     output:
@@ -189,6 +214,7 @@ rule typeset_material:
     params:
         pictures="reports/materials/{material}",
         assets=lambda wildcards, input: str(Path(input.bars).parent),
+        published=lambda wildcards, input: str(Path(input.published[0]).parent),
         models=MODELS,
         entries=ENTRIES,
         scenes=SHOWN_SCENES,
@@ -211,7 +237,7 @@ rule write_supplement:
             "reports/supplement.pdf",
             caption="../captions/supplement.rst",
             category="Report",
-            labels={"what": "supplement, two pages a material"},
+            labels={"what": "supplement, four pages a material"},
         ),
     log:
         "results/logs/write_supplement.log",

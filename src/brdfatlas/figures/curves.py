@@ -43,7 +43,10 @@ def function_curves(functions: Mapping[str, Sequence[Function]]) -> list[dict[st
                 title, unit, log = SHOWN[symbol]
                 about = {"title": title, "axis": AXES[function.axis], "unit": unit, "log": log, "models": {}}
                 chart = charts.setdefault((symbol, function.axis), about)
-                curve = {"x": round_values(np.rad2deg(function.angle)), "y": round_values(luminance_of(function.values))}
+                curve = {
+                    "x": round_values(np.rad2deg(function.angle)),
+                    "y": round_values(luminance_of(function.values)),
+                }
                 chart["models"].setdefault(name, curve)
     return list(charts.values())
 

@@ -18,6 +18,8 @@ FIT_COLUMNS = [
     *("material", "model", "standin", "status", "reason", "seconds", "iterations", "converged"),
     *("objective", "objective_name", "seed", "bytes", "reciprocity_error", "max_albedo", "bad_cells", "options"),
 ]
+
+
 @dataclass(frozen=True)
 class ModelFacts:
     """What the report says about a model, from its class."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from brdfatlas.export.fit_json import export_json
-from brdfatlas.files import atomic_path
+from brdfatlas.files import atomic_path, digests, write_json
 from brdfatlas.fits import load_fit
 
 #: Endings of a fit's files, in the order of the page, with what each is for.
@@ -47,3 +47,8 @@ def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike
         if path.name not in written and path.suffix in ENDINGS:
             path.unlink()
     return sorted(written)
+
+
+def fit_files_job(fits: Sequence[str | os.PathLike], folder: str | os.PathLike, listing: str | os.PathLike) -> None:
+    """Write the files of a material's fits and a list of them, {"files": {name: SHA-256}}, which changes with any."""
+    write_json(listing, {"files": digests(folder, write_fit_files(fits, folder))})

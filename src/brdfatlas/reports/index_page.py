@@ -178,7 +178,9 @@ def _places(summary: Summary, measure: Measure) -> dict[str, tuple[float, float,
 
     def place(value: float) -> float:
         value = min(max(value, low), high)
-        share = math.log(value / low) / math.log(high / low) if log and high > low else (value - low) / (high - low or 1)
+        share = (
+            math.log(value / low) / math.log(high / low) if log and high > low else (value - low) / (high - low or 1)
+        )
         return round(100 * share, 1)
 
     return {n: (place(s.low), place(s.median), place(s.high)) for n, s in scores.items() if not math.isnan(s.median)}

@@ -79,6 +79,7 @@ class Entry:
     reason: str = ""
     best: set[tuple[str, str]] = field(default_factory=set)
     files: list[tuple[str, str, str]] = field(default_factory=list)
+    published: Mapping[str, float] = field(default_factory=dict)
     parameters: list[dict[str, Any]] = field(default_factory=list)
 
     @property
@@ -175,8 +176,8 @@ def make_entries(
     entries = [make_entry(material, name, summary.models[name], scenes) for name in order]
     mark_best(material, entries, scenes)
     for entry in entries:
-        theirs = published_row(published, entry.name, material.name)
-        entry.parameters = parameter_table(entry, theirs)
+        entry.published = published_row(published, entry.name, material.name)
+        entry.parameters = parameter_table(entry)
     return entries
 
 
@@ -296,48 +297,42 @@ def _remarks(entries: Sequence[Entry]) -> list[tuple[str, list[str]]]:
     return list(remarks.items())
 
 
-def parameter_table(entry: Entry, published: Mapping[str, float]) -> list[dict[str, Any]]:
+def parameter_table(entry: Entry) -> list[dict[str, Any]]:
     """A row a parameter of a model: name, meaning, unit, bounds, fitted values beside published ones, and whether a
     value lies on a bound. Long arrays have their size instead of values."""
     fitted = (entry.fit or {}).get("parameters") or {}
-    theirs = _by_parameter(published)
+    theirs = {_parameter_of(key): value for key, value in entry.published.items()}
     rows = []
     for item in entry.facts.parameters if entry.facts else ():
-        values = list(_numbers(fitted.get(item["name"]))) if item["name"] in fitted else []
+        name = item["name"]
+        values = list(_numbers(fitted.get(name, [])))
         ends = [end for end in (item["low"], item["high"]) if math.isfinite(end)]
-        rows.append(
-            item
-            | {
-                "values": [(number(v), any(math.isclose(v, end, rel_tol=1e-6) for end in ends)) for v in values],
-                "published": [
-                    number(theirs.get((item["name"].lower(), i), float("nan"))) for i in range(max(len(values), 1))
-                ]
-                if any(name == item["name"].lower() for name, _ in theirs)
-                else [],
-            }
-        )
+        printed = [(number(v), any(math.isclose(v, end, rel_tol=1e-6) for end in ends)) for v in values]
+        places = sorted(place for found, place in theirs if found == name.lower() and place >= 0)
+        published = [number(theirs[name.lower(), place]) for place in places]
+        rows.append(item | {"values": printed, "published": published})
     return rows
 
 
-def _by_parameter(published: Mapping[str, float]) -> dict[tuple[str, int], float]:
-    """Published columns such as kd_r or n_2 as (parameter, index)."""
-    found = {}
-    for key, value in published.items():
-        name, _, index = key.rpartition("_")
-        place = {"r": 0, "g": 1, "b": 2}.get(index, int(index) - 1 if index.isdigit() else None)
-        if key != "psnr_db" and place is not None:
-            found[name.lower(), place] = value
-    return found
+def _parameter_of(key: str) -> tuple[str, int]:
+    """A published column such as kd_r or n_2 as (parameter, index), in lower case; index -1 for one that is none."""
+    name, _, index = key.rpartition("_")
+    place = {"r": 0, "g": 1, "b": 2}.get(index, int(index) - 1 if index.isdigit() else -1)
+    return name.lower(), place
 
 
 def _published_frame(material: Material, entries: Sequence[Entry], summary: Summary) -> pd.DataFrame:
+    """Published parameters and PSNRs, by the names of the published tables, beside ours."""
     rows = []
     for entry in entries:
-        for item in entry.parameters:
-            fitted = list(_numbers(((entry.fit or {}).get("parameters") or {}).get(item["name"])))
-            for i, theirs in enumerate(item["published"]):
-                ours = fitted[i] if i < len(fitted) else float("nan")
-                rows.append((material.name, entry.name, f"{item['name']}[{i}]", theirs.replace("−", "-"), ours))
+        fitted = {name.lower(): list(_numbers(v)) for name, v in ((entry.fit or {}).get("parameters") or {}).items()}
+        for key, value in entry.published.items():
+            name, index = _parameter_of(key)
+            values = fitted.get(name, [])
+            ours = values[index] if 0 <= index < len(values) else float("nan")
+            if key == "psnr_db":
+                ours = summary.value(entry.name, PSNR, material.name)
+            rows.append((material.name, entry.name, key, value, ours))
     return pd.DataFrame(rows, columns=["material", "model", "parameter", "published", "ours"])
 
 

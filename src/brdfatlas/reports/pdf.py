@@ -39,7 +39,9 @@ A4 = (595.276, 841.89)
 TABLE = ("de00_mean", "de00_p95", "flip_mean", "psnr_db", "psnr_tonemapped_db", "ssim")
 #: Width of a page's content and the height that both grids of tiles may take, mm; a tile's caption has two lines.
 WIDTH, HEIGHT, CAPTION = 182, 226, 6.0
-STANDINS = "{0} of {1} materials are stand-ins, not measurements: each is the median of five published fits. Their numbers "
+STANDINS = (
+    "{0} of {1} materials are stand-ins, not measurements: each is the median of five published fits. Their numbers "
+)
 STANDINS += "cannot be compared with published ones."
 
 
@@ -259,13 +261,14 @@ def _link_contents(writer: PdfWriter, front: PdfReader, materials: Sequence[Mate
             continue
         lines: list[tuple[float, float, str]] = []
 
-        def visit(text, _cm, tm, _font, _size, lines=lines):
-            if text.strip():
-                lines.append((tm[5], tm[4], text.strip()))
+        def visit(text, cm, tm, _font, _size, lines=lines):
+            x, y = (tm[4] * cm[i] + tm[5] * cm[2 + i] + cm[4 + i] for i in (0, 1))
+            if text.strip() and y > 0:
+                lines.append((y, x, text.strip()))
 
         page.extract_text(visitor_text=visit)
         for y, x, text in lines:
-            target = wanted.get(text.split()[-1])
+            target = wanted.pop(text.split()[-1], None)
             if target is not None:
                 half = A4[0] / 2 if len(materials) > 40 else A4[0]
                 left = 40 if x < half else half
@@ -337,5 +340,3 @@ def _models_table(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def _write(path: str | Path, content: bytes) -> None:
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
-
-
