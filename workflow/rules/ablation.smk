@@ -24,7 +24,6 @@ use rule measure_errors as measure_ablation with:
         renders=ABLATION_RENDERS,
         fits=expand("results/fits/{{material}}/{model}.npz", model=VARIANTS),
         reports=expand("results/fits/{{material}}/{model}.json", model=VARIANTS),
-        source=sources("brdfatlas.measures.errors"),
     output:
         images="results/ablation/{material}.tsv",
         brdf="results/ablation/{material}.brdf.tsv",
@@ -33,6 +32,7 @@ use rule measure_errors as measure_ablation with:
     benchmark:
         "results/benchmarks/measure_ablation/{material}.tsv"
     params:
+        provenance=provenance("brdfatlas.measures.errors", libraries=MEASURING),
         models=list(VARIANTS),
         model_files=ABLATION_FILES,
         tones=TONES,
@@ -43,7 +43,6 @@ use rule measure_errors as measure_ablation with:
 use rule draw_pictures as draw_ablation with:
     input:
         renders=ABLATION_RENDERS,
-        source=sources("brdfatlas.figures.pictures"),
     output:
         listing="results/ablation/{material}.json",
         references=expand("reports/ablation/{{material}}/{scene}-reference.webp", scene=SCENES),
@@ -52,6 +51,7 @@ use rule draw_pictures as draw_ablation with:
     benchmark:
         "results/benchmarks/draw_ablation/{material}.tsv"
     params:
+        provenance=provenance("brdfatlas.figures.pictures", libraries=DRAWING),
         models=list(VARIANTS),
         tones=TONES,
         hdr=False,
@@ -66,8 +66,6 @@ rule write_ablation:
         brdf=expand("results/ablation/{material}.brdf.tsv", material=ABLATED),
         pictures=expand("results/ablation/{material}.json", material=ABLATED),
         assets=expand("reports/assets/{asset}", asset=asset_names()),
-        source=sources("brdfatlas.reports.ablation_page"),
-        templates=beside_site("templates", ".j2"),
     output:
         page="reports/ablation.html",
         tables=["reports/data/ablation.tsv", "reports/data/ablation_brdf.tsv"],
@@ -79,6 +77,7 @@ rule write_ablation:
         mem_mb=400,
         runtime=5,
     params:
+        provenance=provenance("brdfatlas.reports.ablation_page", files=TEMPLATES),
         pictures=lambda wildcards, output: str(Path(output.page).with_suffix("")),
         variants=VARIANTS,
         scenes=SHOWN_SCENES,

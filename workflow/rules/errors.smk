@@ -20,7 +20,6 @@ rule measure_errors:
         renders=RENDERS,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        source=sources("brdfatlas.measures.errors"),
     output:
         images=report(
             "results/errors/{material}.tsv",
@@ -42,6 +41,7 @@ rule measure_errors:
         mem_mb=lambda wildcards, attempt: 1200 * attempt,
         runtime=lambda wildcards, attempt: 10 * attempt,
     params:
+        provenance=provenance("brdfatlas.measures.errors", libraries=MEASURING),
         models=MODELS,
         model_files=MODEL_FILES,
         tones=TONES,
@@ -57,7 +57,6 @@ rule tabulate_errors:
         brdf=expand("results/errors/{material}.brdf.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
-        source=sources("brdfatlas.measures.tables"),
     output:
         [f"results/tables/{table}.tsv" for table in TABLES if table not in STANDINGS_TITLES],
         [
@@ -77,6 +76,7 @@ rule tabulate_errors:
         mem_mb=600,
         runtime=5,
     params:
+        provenance=provenance("brdfatlas.measures.tables", libraries=MEASURING),
         models=MODELS,
     message:
         "means, wins and ties over all materials"
