@@ -7,7 +7,7 @@ rule draw_pictures:
     output:
         # Hundreds of pictures a material would burden the DAG: a list stands for them, the reference's are watched.
         listing="results/pictures/{material}.json",
-        references=expand("reports/materials/{{material}}/{scene}-reference.webp", scene=SCENES),
+        references=expand("reports/materials/{{material}}/renders/{scene}/reference/render.webp", scene=SCENES),
     log:
         "results/logs/draw_pictures/{material}.log",
     benchmark:
@@ -73,7 +73,7 @@ rule draw_figures:
     params:
         provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
     message:
         "lobes and functions of {wildcards.material}"
     script:
@@ -82,7 +82,7 @@ rule draw_figures:
 
 rule draw_summary:
     input:
-        errors=expand("results/errors/{material}.tsv", material=MATERIALS),
+        errors=expand("results/errors/{material}/images.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
     output:
         report(
@@ -101,7 +101,7 @@ rule draw_summary:
     params:
         provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
     message:
         "sorted errors of all models"
     script:
