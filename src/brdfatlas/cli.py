@@ -76,7 +76,7 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def info_command(args: argparse.Namespace) -> dict[str, Any]:
     """Valid cells, range, albedo of a file; or what is wrong with it (exit status 1)."""
-    from brdfatlas.pipeline.jobs import describe_material
+    from brdfatlas.pipeline.records import describe_material
 
     described = describe_material(read_merl(args.file))
     if not args.json:

@@ -19,7 +19,6 @@ rule measure_errors:
         renders=RENDERS,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        source=sources("brdfatlas.measures.errors"),
     output:
         images=report(
             "results/errors/{material}/images.tsv",
@@ -41,6 +40,7 @@ rule measure_errors:
         mem_mb=lambda wildcards, attempt: 1200 * attempt,
         runtime=lambda wildcards, attempt: 10 * attempt,
     params:
+        provenance=provenance("brdfatlas.measures.errors", libraries=MEASURING),
         models=MODELS,
         tones=TONES,
     message:
@@ -55,7 +55,6 @@ rule tabulate_errors:
         brdf=expand("results/errors/{material}/brdf.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
-        source=sources("brdfatlas.measures.tables"),
     output:
         [f"results/tables/{table}.tsv" for table in TABLES if table not in STANDINGS_TITLES],
         [
@@ -75,6 +74,7 @@ rule tabulate_errors:
         mem_mb=600,
         runtime=5,
     params:
+        provenance=provenance("brdfatlas.measures.tables", libraries=MEASURING),
         models=MODELS,
     message:
         "means, wins and ties over all materials"

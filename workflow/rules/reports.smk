@@ -35,8 +35,6 @@ rule write_material_page:
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
         assets=expand("reports/assets/{asset}", asset=asset_names()),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
     output:
         page="reports/materials/{material}.html",
         thumbnail="reports/materials/{material}/thumb.webp",
@@ -52,6 +50,7 @@ rule write_material_page:
         mem_mb=lambda wildcards, attempt: 400 * attempt,
         runtime=5,
     params:
+        provenance=provenance(SITE, files=TEMPLATES),
         pictures="reports/materials/{material}",
         data="reports/data",
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
@@ -72,8 +71,6 @@ rule write_model_pages:
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         pictures=expand("results/pictures/{material}.json", material=MATERIALS),
         assets=expand("reports/assets/{asset}", asset=asset_names()),
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
     output:
         pages=expand("reports/models/{model}.html", model=MODELS),
         tables=expand("reports/data/models/{model}/{table}.tsv", model=MODELS, table=MODEL_TABLES),
@@ -85,6 +82,7 @@ rule write_model_pages:
         mem_mb=lambda wildcards, attempt: 600 * attempt,
         runtime=10,
     params:
+        provenance=provenance(SITE, files=TEMPLATES),
         folder=lambda wildcards, output: str(Path(output.pages[0]).parent),
         files=RUN_FILES,
         pictures="reports/materials",
@@ -108,8 +106,6 @@ rule write_index:
         models=expand("reports/models/{model}.html", model=MODELS),
         compare="reports/compare.html",
         viewer="reports/viewer.html",
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
     output:
         page="reports/index.html",
         script="reports/data/atlas.js",
@@ -128,6 +124,7 @@ rule write_index:
         mem_mb=lambda wildcards, attempt: 600 * attempt,
         runtime=10,
     params:
+        provenance=provenance(SITE, files=TEMPLATES),
         files=RUN_FILES,
         data=lambda wildcards, output: str(Path(output.script).parent),
         models=MODELS,
@@ -141,10 +138,6 @@ rule write_index:
 
 
 rule write_assets:
-    input:
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
-        assets=beside_site("assets"),
     output:
         assets=expand("reports/assets/{asset}", asset=asset_names()),
         compare="reports/compare.html",
@@ -157,6 +150,7 @@ rule write_assets:
         mem_mb=300,
         runtime=5,
     params:
+        provenance=provenance(SITE, files=(*TEMPLATES, "reports/assets/*")),
         folder=lambda wildcards, output: str(Path(output.assets[0]).parent),
         links=LINKS,
     message:
@@ -174,8 +168,6 @@ rule typeset_material:
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars="reports/assets/bar-de00.svg",
-        source=sources(PDF),
-        templates=beside_site("templates", ".typ"),
     output:
         "results/pdf/{material}.pdf",
     log:
@@ -187,6 +179,7 @@ rule typeset_material:
         mem_mb=lambda wildcards, attempt: 500 * attempt,
         runtime=5,
     params:
+        provenance=provenance(PDF, files=("reports/templates/*.typ",), libraries=("typst", "pypdf")),
         pictures="reports/materials/{material}",
         assets=lambda wildcards, input: str(Path(input.bars).parent),
         models=MODELS,
@@ -204,8 +197,6 @@ rule write_supplement:
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         parts=expand("results/pdf/{material}.pdf", material=MATERIALS),
-        source=sources(PDF),
-        templates=beside_site("templates", ".typ"),
     output:
         report(
             "reports/supplement.pdf",
@@ -221,6 +212,7 @@ rule write_supplement:
         mem_mb=lambda wildcards, attempt: 1000 * attempt,
         runtime=10,
     params:
+        provenance=provenance(PDF, files=("reports/templates/*.typ",), libraries=("typst", "pypdf")),
         number=len(MATERIALS),
         files=RUN_FILES,
         models=MODELS,
@@ -236,7 +228,6 @@ rule write_uber_texture:
     input:
         fits=lambda wildcards: expand("results/fits/{material}/{{model}}.npz", material=texture_rows(wildcards)),
         reports=lambda wildcards: expand("results/fits/{material}/{{model}}.json", material=texture_rows(wildcards)),
-        source=sources("brdfatlas.export.uber_texture"),
     output:
         "reports/data/models/{model}/uber-texture-{part}.exr",
     log:
@@ -248,6 +239,8 @@ rule write_uber_texture:
     resources:
         mem_mb=400,
         runtime=5,
+    params:
+        provenance=provenance("brdfatlas.export.uber_texture", libraries=("numpy",)),
     message:
         "texture of the factors of {wildcards.model}"
     script:
@@ -261,8 +254,6 @@ rule write_viewer:
         reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         scenes=expand("results/scenes/{scene}.npz", scene=SCENES),
-        source=sources("brdfatlas.reports.viewer"),
-        templates=beside_site("templates", ".j2"),
     output:
         page="reports/viewer.html",
         script="reports/data/viewer.js",
@@ -274,6 +265,7 @@ rule write_viewer:
         mem_mb=lambda wildcards, attempt: 800 * attempt,
         runtime=10,
     params:
+        provenance=provenance("brdfatlas.reports.viewer", files=TEMPLATES),
         data=lambda wildcards, output: str(Path(output.script).parent),
         fits=[(model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
         materials={material: f"results/materials/{material}.json" for material in MATERIALS},
