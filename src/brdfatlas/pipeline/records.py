@@ -110,7 +110,7 @@ def failures(reports: Sequence[str]) -> list[str]:
     for path in reports:
         report = json.loads(Path(path).read_text(encoding="utf-8"))
         if report["status"] != "ok":
-            lines.append(f"{report['model']} on {report['material']}: {report['reason']}")
+            lines.append(f"{report['entry']} on {report['material']}: {report['reason']}")
     return lines
 
 
