@@ -2,7 +2,7 @@
 # Figures 7 and 15 of Bagher et al. 2016 for any materials. `snakemake ablation` makes it; no other target needs it.
 
 ABLATION_RENDERS = expand(
-    "results/renders/{{material}}/{model}/{scene}.exr", model=["reference", "reference_again", *VARIANTS], scene=SCENES
+    "results/renders/{{material}}/{model}/{scene}.exr", model=[*REFERENCES, *VARIANTS], scene=SCENES
 )
 ABLATION_FILES = {item["model"]: item["source"] for item in VARIANTS.values() if item["source"]}
 
@@ -45,7 +45,6 @@ use rule draw_pictures as draw_ablation with:
         renders=ABLATION_RENDERS,
     output:
         listing="results/ablation/{material}.json",
-        references=expand("reports/ablation/{{material}}/{scene}-reference.webp", scene=SCENES),
     log:
         "results/logs/draw_ablation/{material}.log",
     benchmark:
@@ -54,6 +53,7 @@ use rule draw_pictures as draw_ablation with:
         provenance=provenance("brdfatlas.figures.pictures", libraries=DRAWING),
         models=list(VARIANTS),
         tones=TONES,
+        folder="reports/ablation/{material}",
         hdr=False,
     message:
         "pictures of the objectives on {wildcards.material}"
@@ -65,7 +65,7 @@ rule write_ablation:
         errors=expand("results/ablation/{material}.tsv", material=ABLATED),
         brdf=expand("results/ablation/{material}.brdf.tsv", material=ABLATED),
         pictures=expand("results/ablation/{material}.json", material=ABLATED),
-        assets=expand("reports/assets/{asset}", asset=asset_names()),
+        assets=ancient(ASSET_FILES),
     output:
         page="reports/ablation.html",
         tables=["reports/data/ablation.tsv", "reports/data/ablation_brdf.tsv"],

@@ -15,6 +15,7 @@ from brdfatlas.pipeline.configuration import (
     read_models,
     read_variants,
 )
+from brdfatlas.pipeline.leftovers import missing_files
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.provenance import provenance, shipped
 from brdfatlas.pipeline.records import revision, versions
@@ -45,6 +46,7 @@ os.environ.update(BRDFATLAS_MODELS=json.dumps(OWN_MODELS))
 BINARIES = {material.name: material.binary for material in FOUND}
 STANDINS = {material.name for material in FOUND if material.standin}
 MATERIALS = list(BINARIES)
+REFERENCES = ["reference", "reference_again"]
 PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)
@@ -87,18 +89,18 @@ def neighbours(wildcards):
 
 
 def scene_files(names):
-    """The light probes and meshes that these scenes read. One that is not there stops a run when it is planned, before
-    any work; downloads need no scene, so they are not stopped."""
+    """The light probes and meshes that these scenes read. One that is not there stops every run that needs it when it
+    is planned, before any work; by an exit, because Snakemake passes over errors of inputs of what exists already."""
     source = config["scenes_file"]
     try:
         return [file for name in names for file in files_of_scene(name, ALL_SCENES[name], source, ASSETS)]
     except ValueError as error:
-        raise WorkflowError(str(error)) from None
+        raise SystemExit(str(error)) from None
 
 
 def fit_of(wildcards):
     """The fit that a render needs: none for the measured table itself."""
-    if wildcards.model in ("reference", "reference_again"):
+    if wildcards.model in REFERENCES:
         return {}
     return {
         "fit": rules.fit_model.output.fit.format(**wildcards),

@@ -6,5 +6,5 @@ from brdfatlas.figures.jobs import figures_job
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):
-    i, o, p = snakemake.input, snakemake.output, snakemake.params
-    figures_job(i.binary, p.models, p.model_files, Path(i.fits[0]).parent, Path(o.lobes).parent, o.listing)
+    i, p = snakemake.input, snakemake.params
+    figures_job(i.binary, p.models, p.model_files, Path(i.fits[0]).parent, p.folder, snakemake.output.listing)
