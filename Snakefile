@@ -26,7 +26,6 @@ include: "workflow/rules/errors.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/reports.smk"
 include: "workflow/rules/standings.smk"
-include: "workflow/rules/ablation.smk"
 
 
 # Everything that a person may open: what is missing of it is made again. Intermediates that nobody asks for are not.

@@ -7,6 +7,7 @@ import yaml
 
 from brdfatlas.files import write_json
 from brdfatlas.measured import FILE_BYTES, write_merl
+from brdfatlas.models import read_entries
 from brdfatlas.pipeline.configuration import (
     ConfigError,
     check,
@@ -14,7 +15,6 @@ from brdfatlas.pipeline.configuration import (
     choose,
     files_of_scene,
     read_config,
-    read_models,
     read_yaml,
 )
 from brdfatlas.pipeline.materials import check_files, find_materials
@@ -29,9 +29,10 @@ def in_project(monkeypatch):
 
 
 def test_shipped_files_are_valid():
-    for name in ("config.yaml", "full.yaml"):
+    for name in ("config.yaml", "full.yaml", "ablation.yaml"):
         read_config(read_yaml(f"config/{name}"), name)
-    assert list(read_models("config/models.yaml"))
+    for name in ("models", "ablation_models"):
+        assert list(read_entries(f"config/{name}.yaml"))
 
 
 def test_defaults_are_filled_at_every_depth():
@@ -96,7 +97,7 @@ def test_model_faults(tmp_path, models, words):
     path = tmp_path / "models.yaml"
     path.write_text(yaml.safe_dump(models))
     with pytest.raises(ConfigError, match=words) as caught:
-        read_models(path)
+        read_entries(path)
     assert str(path) in str(caught.value)
 
 

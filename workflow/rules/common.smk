@@ -1,47 +1,34 @@
 # The run's materials, models and scenes, checked before any work, and the few helpers that rules share. Reading this
 # writes nothing.
 
-import json
 import os
 import sys
 from pathlib import Path
 
-from brdfatlas.pipeline.configuration import (
-    check_samples,
-    choose,
-    files_of_scene,
-    read_assets,
-    read_config,
-    read_models,
-    read_variants,
-)
+from brdfatlas.export.uber_texture import HEIGHT, has_row
+from brdfatlas.models import read_entries
+from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config
 from brdfatlas.pipeline.leftovers import missing_files
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.provenance import provenance, shipped
 from brdfatlas.pipeline.records import revision, versions
-from brdfatlas.rendering.scenes import read_scenes
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
-from brdfatlas.export.uber_texture import HEIGHT, MODELS_WITH_FACTORS
+from brdfatlas.rendering.scenes import read_scenes
 
 try:
     config = read_config(config)
-    ALL_MODELS = read_models(config["models_file"])
+    ALL_ENTRIES = read_entries(config["models_file"])
     ALL_SCENES = read_scenes(config["scenes_file"])
-    MODELS = choose(config["models"], list(ALL_MODELS), "models", config["models_file"])
+    MODELS = choose(config["models"], list(ALL_ENTRIES), "models", config["models_file"])
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
-    VARIANTS = read_variants(config["ablation"], ALL_MODELS)
     ASSETS = read_assets("config/assets.yaml")
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     FOUND, LEFT_OUT, CHECKS = find_materials(config, "results/standins", "results/checks.json")
 except ValueError as error:
     raise WorkflowError(str(error)) from None
 
-# What can be fitted: the models, and those of the ablation with other options.
-FITTED = ALL_MODELS | VARIANTS
-
-# Models of your own, for every job that loads a fit of one.
-OWN_MODELS = {name: model["source"] for name, model in ALL_MODELS.items() if model["source"]}
-os.environ.update(BRDFATLAS_MODELS=json.dumps(OWN_MODELS))
+# The rows of the run, for every job that says more of a model than its name.
+ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
 
 BINARIES = {material.name: material.binary for material in FOUND}
 STANDINS = {material.name for material in FOUND if material.standin}
@@ -50,13 +37,6 @@ REFERENCES = ["reference", "reference_again"]
 PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)
-
-# A material that this run does not have is missed by the ablation only.
-WANTED = MATERIALS if config["ablation"]["materials"] == "all" else config["ablation"]["materials"]
-ABLATED = [name for name in WANTED if name in BINARIES]
-for name in WANTED:
-    if name not in BINARIES:
-        print(f"left out of the ablation: {name} is not a material of this run", file=sys.stderr)
 
 # Libraries whose versions make a result another. Each rule states what it is made of: provenance(MODULES, libraries=...).
 FITTING = ("numpy", "scipy", "numba")

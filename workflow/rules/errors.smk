@@ -2,7 +2,6 @@
 import re
 
 TONES = {name: (ALL_SCENES[name]["exposure"], ALL_SCENES[name]["gamma"]) for name in SCENES}
-MODEL_FILES = {name: OWN_MODELS[name] for name in MODELS if name in OWN_MODELS}
 RENDERS = expand("results/renders/{{material}}/{model}/{scene}.exr", model=[*REFERENCES, *MODELS], scene=SCENES)
 TABLES = ["errors", "brdf", "summary", "summary_brdf", "wins", "published"]
 STANDINGS_TITLES = {
@@ -20,13 +19,13 @@ rule measure_errors:
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
     output:
         images=report(
-            "results/errors/{material}.tsv",
+            "results/errors/{material}/images.tsv",
             caption="../captions/errors.rst",
             category="Materials",
             subcategory="{material}",
             labels={"what": "image errors of every model"},
         ),
-        brdf="results/errors/{material}.brdf.tsv",
+        brdf="results/errors/{material}/brdf.tsv",
     log:
         "results/logs/measure_errors/{material}.log",
     benchmark:
@@ -41,7 +40,6 @@ rule measure_errors:
     params:
         provenance=provenance("brdfatlas.measures.errors", libraries=MEASURING),
         models=MODELS,
-        model_files=MODEL_FILES,
         tones=TONES,
     message:
         "measuring the errors of {wildcards.material}"
@@ -51,8 +49,8 @@ rule measure_errors:
 
 rule tabulate_errors:
     input:
-        errors=expand("results/errors/{material}.tsv", material=MATERIALS),
-        brdf=expand("results/errors/{material}.brdf.tsv", material=MATERIALS),
+        errors=expand("results/errors/{material}/images.tsv", material=MATERIALS),
+        brdf=expand("results/errors/{material}/brdf.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
     output:

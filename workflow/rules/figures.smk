@@ -73,7 +73,7 @@ rule draw_figures:
     params:
         provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         folder="reports/materials/{material}",
     message:
         "lobes and functions of {wildcards.material}"
@@ -83,7 +83,7 @@ rule draw_figures:
 
 rule draw_summary:
     input:
-        errors=expand("results/errors/{material}.tsv", material=MATERIALS),
+        errors=expand("results/errors/{material}/images.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
     output:
         report(
@@ -102,7 +102,7 @@ rule draw_summary:
     params:
         provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
     message:
         "sorted errors of all models"
     script:
@@ -112,7 +112,7 @@ rule draw_summary:
 # Where a listed picture is gone, its material's are drawn again, and nothing that is made of them.
 use rule draw_pictures as redraw_pictures with:
     output:
-        listing=temp("results/pictures/{material}.again.json"),
+        listing=temp("results/redrawn/pictures/{material}.json"),
     log:
         "results/logs/redraw_pictures/{material}.log",
     benchmark:
@@ -121,7 +121,7 @@ use rule draw_pictures as redraw_pictures with:
 
 use rule draw_figures as redraw_figures with:
     output:
-        listing=temp("results/figures/{material}.again.json"),
+        listing=temp("results/redrawn/figures/{material}.json"),
     log:
         "results/logs/redraw_figures/{material}.log",
     benchmark:
@@ -131,7 +131,7 @@ use rule draw_figures as redraw_figures with:
 def redrawn():
     """What draws the listed pictures and figures that are gone."""
     return [
-        f"results/{kind}/{material}.again.json"
+        f"results/redrawn/{kind}/{material}.json"
         for kind in ("pictures", "figures")
         for material in MATERIALS
         if missing_files(f"results/{kind}/{material}.json", f"reports/materials/{material}")

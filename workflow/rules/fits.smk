@@ -17,11 +17,9 @@ rule fit_model:
         runtime=20,
     params:
         provenance=lambda wildcards: provenance(
-            FITTED[wildcards.model]["module"], "brdfatlas.pipeline.jobs", libraries=FITTING
+            ALL_ENTRIES[wildcards.model].module, "brdfatlas.pipeline.jobs", libraries=FITTING
         ),
-        model=lambda wildcards: FITTED[wildcards.model]["model"],
-        options=lambda wildcards: FITTED[wildcards.model]["options"],
-        source=lambda wildcards: FITTED[wildcards.model]["source"],
+        entry=lambda wildcards: ALL_ENTRIES[wildcards.model].plain,
         seed=config["seed"],
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:

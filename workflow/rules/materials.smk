@@ -85,7 +85,7 @@ rule record_run:
     params:
         provenance=provenance("brdfatlas.pipeline.records", libraries=("numpy", "scipy")),
         config=config,
-        models={name: ALL_MODELS[name]["options"] for name in MODELS},
+        models={name: ALL_ENTRIES[name].plain for name in MODELS},
         materials=BINARIES,
         left_out=[vars(item) for item in LEFT_OUT],
         revision=lambda wildcards: revision(Path.cwd()),

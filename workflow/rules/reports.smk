@@ -11,15 +11,15 @@ RUN_FILES = {
     name: {
         "facts": f"results/materials/{name}.json",
         "fits": [f"results/fits/{name}/{model}.json" for model in MODELS],
-        "errors": f"results/errors/{name}.tsv",
-        "brdf": f"results/errors/{name}.brdf.tsv",
+        "errors": f"results/errors/{name}/images.tsv",
+        "brdf": f"results/errors/{name}/brdf.tsv",
     }
     for name in MATERIALS
 }
 MATERIAL_TABLES = ["errors", "brdf", "fits", "parameters", "published"]
 MODEL_TABLES = ["errors", "fits", "parameters"]
 # Rows of a texture are materials; where there are more than it has rows, there are several.
-FACTORED = [name for name in MODELS if name in MODELS_WITH_FACTORS]
+FACTORED = [name for name in MODELS if has_row(ALL_ENTRIES[name].instance)]
 TEXTURE_PARTS = range(1, -(-len(MATERIALS) // HEIGHT) + 1)
 ASSET_FILES = expand("reports/assets/{asset}", asset=asset_names())
 RUN_TABLES = ["materials", "models", "errors", "brdf", "fits", "parameters", "left_out"]
@@ -29,8 +29,8 @@ rule write_material_page:
     input:
         facts="results/materials/{material}.json",
         fits=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        errors="results/errors/{material}.tsv",
-        brdf="results/errors/{material}.brdf.tsv",
+        errors="results/errors/{material}/images.tsv",
+        brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
@@ -39,7 +39,7 @@ rule write_material_page:
     output:
         page="reports/materials/{material}.html",
         thumbnail="reports/materials/{material}/thumb.webp",
-        tables=expand("reports/data/{{material}}.{table}.tsv", table=MATERIAL_TABLES),
+        tables=expand("reports/data/materials/{{material}}/{table}.tsv", table=MATERIAL_TABLES),
     log:
         "results/logs/write_material_page/{material}.log",
     benchmark:
@@ -53,11 +53,11 @@ rule write_material_page:
     params:
         provenance=provenance(SITE, files=TEMPLATES),
         pictures="reports/materials/{material}",
-        data=lambda wildcards, output: str(Path(output.tables[0]).parent),
+        data="reports/data",
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
         materials=neighbours,
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
@@ -74,7 +74,7 @@ rule write_model_pages:
         assets=ancient(ASSET_FILES),
     output:
         pages=expand("reports/models/{model}.html", model=MODELS),
-        tables=expand("reports/data/model-{model}.{table}.tsv", model=MODELS, table=MODEL_TABLES),
+        tables=expand("reports/data/models/{model}/{table}.tsv", model=MODELS, table=MODEL_TABLES),
     log:
         "results/logs/write_model_pages.log",
     benchmark:
@@ -87,9 +87,9 @@ rule write_model_pages:
         folder=lambda wildcards, output: str(Path(output.pages[0]).parent),
         files=RUN_FILES,
         pictures="reports/materials",
-        data=lambda wildcards, output: str(Path(output.tables[0]).parent),
+        data="reports/data",
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
@@ -130,7 +130,7 @@ rule write_index:
         files=RUN_FILES,
         data=lambda wildcards, output: str(Path(output.script).parent),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
@@ -165,8 +165,8 @@ rule typeset_material:
     input:
         facts="results/materials/{material}.json",
         fits=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        errors="results/errors/{material}.tsv",
-        brdf="results/errors/{material}.brdf.tsv",
+        errors="results/errors/{material}/images.tsv",
+        brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars="reports/assets/bar-de00.svg",
@@ -185,7 +185,7 @@ rule typeset_material:
         pictures="reports/materials/{material}",
         assets=lambda wildcards, input: str(Path(input.bars).parent),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
     message:
         "PDF pages of {wildcards.material}"
@@ -218,7 +218,7 @@ rule write_supplement:
         number=len(MATERIALS),
         files=RUN_FILES,
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
     message:
         "joining the PDF of {params.number} materials"
@@ -231,11 +231,11 @@ rule write_uber_texture:
         fits=lambda wildcards: expand("results/fits/{material}/{{model}}.npz", material=texture_rows(wildcards)),
         reports=lambda wildcards: expand("results/fits/{material}/{{model}}.json", material=texture_rows(wildcards)),
     output:
-        "reports/data/uber-texture-{model}-{part}.exr",
+        "reports/data/models/{model}/uber-texture-{part}.exr",
     log:
-        "results/logs/write_uber_texture/{model}-{part}.log",
+        "results/logs/write_uber_texture/{model}/{part}.log",
     benchmark:
-        "results/benchmarks/write_uber_texture/{model}-{part}.tsv"
+        "results/benchmarks/write_uber_texture/{model}/{part}.tsv"
     wildcard_constraints:
         part=r"\d+",
     resources:
@@ -251,7 +251,7 @@ rule write_uber_texture:
 
 rule write_viewer:
     input:
-        textures=expand("reports/data/uber-texture-{model}-{part}.exr", model=FACTORED, part=TEXTURE_PARTS),
+        textures=expand("reports/data/models/{model}/uber-texture-{part}.exr", model=FACTORED, part=TEXTURE_PARTS),
         fits=expand("results/fits/{material}/{model}.npz", material=MATERIALS, model=MODELS),
         reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
@@ -271,8 +271,8 @@ rule write_viewer:
         data=lambda wildcards, output: str(Path(output.script).parent),
         fits=[(model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
         materials={material: f"results/materials/{material}.json" for material in MATERIALS},
-        textures=lambda wildcards, input: [Path(path).name for path in input.textures],
-        model_files=MODEL_FILES,
+        textures=lambda wildcards, input: [os.path.relpath(path, "reports/data") for path in input.textures],
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:

@@ -22,7 +22,7 @@ rule write_standings:
     params:
         provenance=provenance(STANDINGS, files=TEMPLATES),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         links=LINKS,
     message:
         "page of standings"

@@ -58,5 +58,6 @@ def _digest(path: Path) -> str:
 
 
 def _remove_empty(folder: Path) -> None:
-    if folder != Path("reports") and not any(folder.iterdir()):
+    while folder != Path("reports") and not any(folder.iterdir()):
         folder.rmdir()
+        folder = folder.parent

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import Fit, is_fit_file, load_fit
 from brdfatlas.measured import Measured, read_merl
@@ -133,7 +134,7 @@ def render_file(
     if isinstance(item, str | os.PathLike):
         item = load_fit(item) if is_fit_file(item) else read_merl(item)
     material = item.material if isinstance(item, Fit) else item.name
-    model = item.model if isinstance(item, Fit) else "reference"
+    model = item.entry if isinstance(item, Fit) else REFERENCE
     if isinstance(item, Fit):
         item = Measured(item.material, item.table(), item.standin)
     use_variant(variant)
@@ -198,7 +199,7 @@ def render_job(
     measured = read_merl(binary, standin=standin)
     failed = report is not None and read_json(report)["status"] != "ok"
     table = None if fit is None or failed else load_fit(fit).table()
-    seed = settings["seed"] + (model == "reference_again") * 1_000_003
+    seed = settings["seed"] + (model == REFERENCE_AGAIN) * 1_000_003
     labels = {"material": material, "model": model, "standin": str(measured.standin).lower()}
     content = _digest(measured.table if table is None else table, measured.table)
     reflectances = None
