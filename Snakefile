@@ -7,7 +7,7 @@
 # `snakemake --cores 2` makes the report of config/config.yaml; --configfile config/full.yaml is the papers' scale.
 from snakemake.utils import min_version
 
-min_version("9.14")
+min_version("9.27")
 
 
 configfile: "config/config.yaml"
