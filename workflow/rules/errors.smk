@@ -2,9 +2,7 @@
 import re
 
 TONES = {name: (ALL_SCENES[name]["exposure"], ALL_SCENES[name]["gamma"]) for name in SCENES}
-RENDERS = expand(
-    "results/renders/{{material}}/{model}/{scene}.exr", model=["reference", "reference_again", *MODELS], scene=SCENES
-)
+RENDERS = expand("results/renders/{{material}}/{model}/{scene}.exr", model=[*REFERENCES, *MODELS], scene=SCENES)
 TABLES = ["errors", "brdf", "summary", "summary_brdf", "wins", "published"]
 STANDINGS_TITLES = {
     "summary": "means by class of material and scene",
@@ -37,8 +35,8 @@ rule measure_errors:
         material="|".join(map(re.escape, MATERIALS)),
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 1200 * attempt,
-        runtime=lambda wildcards, attempt: 10 * attempt,
+        mem_mb=1200,
+        runtime=10,
     params:
         provenance=provenance("brdfatlas.measures.errors", libraries=MEASURING),
         models=MODELS,
