@@ -37,17 +37,26 @@ class Fit:
         return sum(array.nbytes for array in self.parameters.values())
 
     def evaluate(self, wi, wo) -> np.ndarray:
-        """rgb (..., 3) in 1/sr at unit vectors (..., 3); 0 where one direction is below the surface."""
+        """rgb (..., 3) in 1/sr at unit vectors (..., 3): ``wi`` towards the light, ``wo`` towards the viewer, which
+        matters to a model that is not reciprocal. 0 where one direction is below the surface, NaN where one is NaN."""
         wi, wo = np.broadcast_arrays(np.asarray(wi, float), np.asarray(wo, float))
+        unknown = np.isnan(wi).any(-1) | np.isnan(wo).any(-1)
+        if unknown.any():  # compiled look-ups make indices of angles
+            wi, wo = (np.where(unknown[..., None], [0.0, 0.0, 1.0], w) for w in (wi, wo))
         with np.errstate(all="ignore"):
             rgb = MODELS[self.model].evaluate(self.parameters, wi, wo)
-        return np.where(((wi[..., 2] > 0) & (wo[..., 2] > 0))[..., None], rgb, 0.0)
+        rgb = np.where(((wi[..., 2] > 0) & (wo[..., 2] > 0))[..., None], rgb, 0.0)
+        return np.where(unknown[..., None], np.nan, rgb)
 
     def table(self) -> np.ndarray:
-        """The fit at the cell centres of the MERL grid, (90, 90, 180, 3) float32, NaN below the horizon."""
-        table = np.array(MODELS[self.model].evaluate_grid(self.parameters), np.float32, copy=True)
+        """The fit at the cell centres of the grid, float32, NaN below the horizon: the MERL grid, (90, 90, 180, 3), or
+        for a model that is not reciprocal the full circle, (90, 90, 360, 3) (:func:`brdfatlas.measured.fold` makes a
+        MERL table of either)."""
+        model = MODELS[self.model]
+        table = np.array(model.evaluate_grid(self.parameters), np.float32, copy=True)
         table[~above_horizon()] = np.nan
-        return table
+        # phi_d -> -phi_d mirrors both directions at the plane of the half vector and the normal.
+        return table if model.reciprocal else np.concatenate([table, table[:, :, ::-1]], 2)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write as npz without pickle; equal fits give equal bytes."""

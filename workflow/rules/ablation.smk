@@ -4,6 +4,7 @@
 ABLATION_RENDERS = expand(
     "results/renders/{{material}}/{model}/{scene}.exr", model=["reference", "reference_again", *VARIANTS], scene=SCENES
 )
+NOT_IN_RUN = [name for name in VARIANTS if name not in MODELS]
 ABLATION_FILES = {item["model"]: item["source"] for item in VARIANTS.values() if item["source"]}
 
 
@@ -16,6 +17,31 @@ rule ablation:
         "reports/ablation.html",
     message:
         "the comparison of objectives is in {input}"
+
+
+if NOT_IN_RUN:
+
+    use rule render_material as render_ablation with:
+        input:
+            fits=expand("results/fits/{{material}}/{model}.npz", model=NOT_IN_RUN),
+            reports=expand("results/fits/{{material}}/{model}.json", model=NOT_IN_RUN),
+            binary=binary_of,
+            scene=rules.prepare_scene.output,
+            source=sources("brdfatlas.rendering.jobs", "brdfatlas.rendering.integrator"),
+        output:
+            [update(f"results/renders/{{material}}/{model}/{{scene}}.exr") for model in NOT_IN_RUN],
+        log:
+            "results/logs/render_ablation/{material}/{scene}.log",
+        benchmark:
+            "results/benchmarks/render_ablation/{material}/{scene}.tsv"
+        params:
+            pictures=NOT_IN_RUN,
+            models=NOT_IN_RUN,
+            settings=render_settings,
+            renderer={name: VERSIONS[name] for name in ("mitsuba", "drjit")},
+            standin=lambda wildcards: wildcards.material in STANDINS,
+        message:
+            "rendering the objectives on {wildcards.material} in {wildcards.scene}"
 
 
 use rule measure_errors as measure_ablation with:

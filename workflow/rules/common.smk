@@ -5,6 +5,7 @@ import os
 import sys
 from pathlib import Path
 
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.pipeline.configuration import (
     check_samples,
     choose,
@@ -114,16 +115,6 @@ def scene_files(names):
         return [file for name in names for file in files_of_scene(name, ALL_SCENES[name], source, ASSETS)]
     except ValueError as error:
         raise WorkflowError(str(error)) from None
-
-
-def fit_of(wildcards):
-    """The fit that a render needs: none for the measured table itself."""
-    if wildcards.model in ("reference", "reference_again"):
-        return {}
-    return {
-        "fit": rules.fit_model.output.fit.format(**wildcards),
-        "report": rules.fit_model.output.report.format(**wildcards),
-    }
 
 
 def beside_site(folder, ending=""):

@@ -18,7 +18,7 @@ from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
 from brdfatlas.files import write_json
 from brdfatlas.fits import Fit, fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.measured import Measured, fold, read_merl
 from brdfatlas.measures.diffuseness import diffuseness, material_class
 from brdfatlas.measures.physics import directional_albedo, physics_checks
 from brdfatlas.models import MODELS
@@ -61,7 +61,7 @@ def describe_fit(fitted: Fit, measured: Measured) -> dict[str, Any]:
     FitError if the fit has no finite value where the material has one: no picture and no error could be made of it.
     """
     table = fitted.table()
-    bad = int((~np.isfinite(table[measured.valid]).all(-1)).sum())
+    bad = int((~np.isfinite(fold(table)[measured.valid]).all(-1)).sum())
     if bad:
         raise FitError(f"{fitted.model} on {fitted.material}: NaN or Inf at {bad:,} measured cells")
     small = {name: array for name, array in fitted.parameters.items() if array.size <= 24}
