@@ -11,7 +11,6 @@ def render_settings(wildcards):
 
 rule check_scenes:
     input:
-        source=sources("brdfatlas.rendering.scenes"),
         files=lambda wildcards: scene_files(SCENES),
     output:
         "results/scenes/checked.txt",
@@ -24,6 +23,7 @@ rule check_scenes:
         mem_mb=1500,
         runtime=10,
     params:
+        provenance=provenance("brdfatlas.rendering.scenes", libraries=RENDERING),
         scenes={name: ALL_SCENES[name] for name in SCENES},
         scenes_file=config["scenes_file"],
         variant=config["render"]["variant"],
@@ -35,8 +35,8 @@ rule check_scenes:
 
 rule prepare_scene:
     input:
-        checked="results/scenes/checked.txt",
-        source=sources("brdfatlas.rendering.scenes"),
+        # Checked before it is made; another list of scenes does not make this one stale.
+        checked=ancient("results/scenes/checked.txt"),
         files=lambda wildcards: scene_files([wildcards.scene]),
     output:
         "results/scenes/{scene}.npz",
@@ -49,6 +49,7 @@ rule prepare_scene:
         mem_mb=1500,
         runtime=10,
     params:
+        provenance=provenance("brdfatlas.rendering.scenes", libraries=RENDERING),
         definition=lambda wildcards: ALL_SCENES[wildcards.scene],
         scenes_file=config["scenes_file"],
         size=config["render"]["size"],
@@ -65,7 +66,6 @@ rule render_material:
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
         binary=binary_of,
         scene=rules.prepare_scene.output,
-        source=sources("brdfatlas.rendering.jobs", "brdfatlas.rendering.integrator"),
     output:
         [
             update(f"results/renders/{{material}}/{model}/{{scene}}.exr")
@@ -82,11 +82,10 @@ rule render_material:
         mem_mb=3000,
         runtime=30,
     params:
+        provenance=provenance("brdfatlas.rendering.jobs", libraries=RENDERING),
         pictures=[REFERENCE, REFERENCE_AGAIN, *MODELS],
         models=MODELS,
         settings=render_settings,
-        # Another version may draw other samples: reference and fits are rendered by one.
-        renderer={name: VERSIONS[name] for name in ("mitsuba", "drjit")},
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:
         "rendering {wildcards.material} in {wildcards.scene}"

@@ -12,6 +12,7 @@ with logged(snakemake.log[0]):
         fits=dict(zip(p.models, zip(given.fits, given.reports, strict=True), strict=True)),
         outputs=dict(zip(p.pictures, snakemake.output, strict=True)),
         settings=p.settings,
+        provenance=p.provenance,
         standin=p.standin,
         threads=snakemake.threads,
     )

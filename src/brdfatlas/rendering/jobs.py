@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +29,6 @@ from brdfatlas.rendering.scenes import (
     read_scenes,
     scenes_file,
 )
-
-HERE = Path(__file__).parent
-#: A change of one of these files makes old renders stale.
-RENDERING_SOURCES = [
-    HERE / f"{name}.py" for name in ("arrays", "bsdf", "density", "images", "integrator", "jobs", "scenes")
-] + [HERE.parent / f"{name}.py" for name in ("angles", "measured")]
 
 
 def picture_seed(seed: int, material: str, scene: str, purpose: str = "picture") -> int:
@@ -185,7 +178,7 @@ def render_file(
     if isinstance(item, str | os.PathLike):
         item = load_fit(item) if is_fit_file(item) else read_merl(item)
     material = item.material if isinstance(item, Fit) else item.name
-    model = item.model if isinstance(item, Fit) else REFERENCE
+    model = item.entry if isinstance(item, Fit) else REFERENCE
     if isinstance(item, Fit):
         item = Measured(item.material, item.table(), item.standin)
     use_variant(variant)
@@ -233,21 +226,24 @@ def render_job(
     outputs: Mapping[str, str],
     settings: Mapping[str, Any],
     *,
+    provenance: str = "",
     standin: bool = False,
     threads: int = 1,
 ) -> None:
     """Render one material in one scene: an EXR for each of ``outputs``, name -> path.
 
     A name is that of one of ``fits``, name -> (fit, report), or REFERENCE, or REFERENCE_AGAIN, the reference with other
-    random numbers. ``scene``: path of the prepared scene. ``settings``: samples, batches, seed and variant. An output
-    whose fingerprint is still right is kept; the others are rendered together. A failed fit gives a black picture with
+    random numbers. ``scene``: path of the prepared scene. ``settings``: samples, batches, seed and variant.
+    ``provenance``: what the renderer is made of (:func:`brdfatlas.pipeline.provenance.provenance`). An output whose
+    fingerprint is still right is kept; the others are rendered together. A failed fit gives a black picture with
     ``meta["status"] = "failed"``.
     """
     measured, prepared = replace(read_merl(binary, standin=standin), name=material), load_scene(scene)
     names = [name for name in outputs if name in fits]
     with ThreadPoolExecutor(threads) as pool:
         tables = dict(zip(names, pool.map(_table_of, *zip(*(fits[name] for name in names))))) if names else {}
-    labels = {name: _labels(name, measured, tables.get(name), name in names, prepared, settings) for name in outputs}
+    chosen = [settings[key] for key in ("samples", "batches", "seed", "variant")] + [provenance]
+    labels = {name: _labels(name, measured, tables.get(name), name in names, prepared, chosen) for name in outputs}
     needed = {}
     for name, path in outputs.items():
         if _keep(path, labels[name]):
@@ -261,8 +257,8 @@ def render_job(
     if not needed:
         return
     use_variant(settings["variant"], threads)
-    chosen = {key: settings[key] for key in ("samples", "batches", "seed")}
-    for name, render in render_models(prepared, measured, needed, **chosen).items():
+    counts = {key: settings[key] for key in ("samples", "batches", "seed")}
+    for name, render in render_models(prepared, measured, needed, **counts).items():
         _save(outputs[name], render, labels[name])
 
 
@@ -272,14 +268,14 @@ def _table_of(fit: str, report: str) -> np.ndarray | None:
 
 
 def _labels(
-    name: str, measured: Measured, table: np.ndarray | None, fitted: bool, scene: PreparedScene, settings: Mapping
+    name: str, measured: Measured, table: np.ndarray | None, fitted: bool, scene: PreparedScene, chosen: Sequence
 ) -> dict[str, str]:
-    """What the EXR of a picture says beside its pixels; ``fingerprint`` covers all that they depend on."""
+    """What the EXR of a picture says beside its pixels; ``fingerprint`` covers all that they depend on, ``chosen`` with
+    it."""
     failed = fitted and table is None
     content = _digest(measured.table if table is None else table, measured.table)
-    chosen = [settings[key] for key in ("samples", "batches", "seed", "variant")]
-    chosen += [measured.name, scene.name, name == REFERENCE_AGAIN, failed, *map(version, ("mitsuba", "drjit"))]
-    fingerprint = hashlib.sha256(json.dumps([scene.digest(), content, _sources(), chosen]).encode()).hexdigest()
+    told = [scene.digest(), content, measured.name, scene.name, name == REFERENCE_AGAIN, failed, *chosen]
+    fingerprint = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     labels = {"material": measured.name, "model": name, "standin": str(measured.standin).lower()}
     labels |= {"fingerprint": fingerprint, "title": scene.definition["title"]}
     return labels | {key: repr(float(scene.definition[key])) for key in ("exposure", "gamma")}
@@ -310,7 +306,3 @@ def _digest(*arrays: np.ndarray) -> str:
     for array in arrays:
         digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
-
-
-def _sources() -> str:
-    return hashlib.sha256(b"".join(path.read_bytes() for path in RENDERING_SOURCES)).hexdigest()
