@@ -41,6 +41,12 @@ BUILTIN = {
     "bivariate_g": "brdfatlas.models.bagher2016.bivariate_g",
     "low_rank_2": "brdfatlas.models.bagher2016.low_rank_2",
     "low_rank_4": "brdfatlas.models.bagher2016.low_rank_4",
+    "lambert": "brdfatlas.models.engine.lambert",
+    "ggx_diffuse": "brdfatlas.models.engine.ggx_diffuse",
+    "ggx2_diffuse": "brdfatlas.models.engine.ggx2_diffuse",
+    "gltf": "brdfatlas.models.engine.gltf",
+    "principled": "brdfatlas.models.engine.principled",
+    "openpbr": "brdfatlas.models.engine.openpbr",
 }
 
 
