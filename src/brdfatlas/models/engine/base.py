@@ -209,6 +209,10 @@ class EngineModel(Model):
         """The compiled formula, see ``kernel``."""
         type(self).kernel(p, samples, out)
 
+    def folded(self, p: np.ndarray, samples: np.ndarray, out: np.ndarray) -> None:
+        """The values as the grid holds them, where swapping the directions changes nothing: what is fitted."""
+        self.values(p, samples, out)
+
     def evaluate(self, parameters: Parameters, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         samples = geometry(wi, wo)
         out = np.empty((len(samples), 3))
@@ -219,9 +223,9 @@ class EngineModel(Model):
         table, p = np.empty((*GRID_SHAPE, 3), np.float32), self.flat(parameters)
         out = np.empty((90 * 90, 3))
         for row, samples in enumerate(grid_geometry()):
-            self.values(p, samples.reshape(-1, 4), out)
+            self.folded(p, samples.reshape(-1, 4), out)
             table[row, :, :90] = out.reshape(90, 90, 3)
-        table[:, :, 90:] = table[:, :, : 90][:, :, ::-1]  # reciprocal: theta_i and theta_o swapped
+        table[:, :, 90:] = table[:, :, : 90][:, :, ::-1]  # theta_i and theta_o swapped
         return table
 
     def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:
@@ -347,7 +351,7 @@ class Problem:
 
     def _residual(self, x: np.ndarray) -> np.ndarray:
         s = self.samples
-        self.space.model.values(self.space.natural(x), s.geometry, self.out)
+        self.space.model.folded(self.space.natural(x), s.geometry, self.out)
         value = np.log1p(np.maximum(self.out, 0) * s.geometry[:, :1]) if s.logarithm else self.out
         return self.root * (value - s.target)
 
@@ -363,7 +367,7 @@ class Problem:
         for group in self.space.groups:
             moved = x.astype(complex)
             moved[list(group)] += 1j * STEP
-            self.space.model.values(self.space.natural(moved), s.geometry, out)
+            self.space.model.folded(self.space.natural(moved), s.geometry, out)
             if len(group) == 1:
                 rows[group[0]] = out.imag * scale
             else:

@@ -4,7 +4,8 @@ What the reference implementation does beyond the text of the specification is f
 approximate directional albedo of EON, multiple scattering between facets for metals only, a coat that roughens and
 darkens what lies beneath. What differs here: the directional albedos are tabulated on its nodes (32 cosines, 32
 roughnesses, 16 indices of refraction up to 2.5) but integrated anew, and the factor of the metal's multiple scattering
-is clamped by the larger cosine, so that swapping the directions changes nothing. Left out: transmission, subsurface
+is clamped by the larger cosine, so that swapping the directions changes nothing. The coat's albedo scaling looks at the
+outgoing direction alone, as there: without a coat the model is reciprocal, with one it is not. Left out: transmission, subsurface
 scattering, fuzz, thin film, anisotropy.
 """
 
@@ -41,40 +42,43 @@ F82_SCALE = 1 / (F82_COSINE * (1 - F82_COSINE) ** 6)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _albedos(roughness, cosine, eta, metal, dielectric):
-    """Fill metal (roughness, cosine) and dielectric (eta, roughness, cosine) with the share of light that one bounce on
-    GGX facets does not reflect; F = 1 for the metal. Sums over visible normals (Heitz 2018), stratified."""
-    radial, angular = 24, 32
+def _missing(alpha, mu, eta, radial, angular, missing):
+    """Fill missing (eta,) with the share of light at cosine mu that one bounce on GGX facets does not reflect; an eta of
+    0 stands for a white metal. A sum over visible normals (Heitz 2018), dense where they are steep and paths end below
+    the horizon."""
+    missing[:] = 1.0
+    sine = np.sqrt(1 - mu * mu)
+    stretched = np.sqrt(alpha * alpha * (1 - mu * mu) + mu * mu)
+    x, z = alpha * sine / stretched, mu / stretched
+    for a in range(radial):
+        rest = 1 - (a + 0.5) / radial
+        radius, weight = np.sqrt(1 - rest**3), 3 * rest**2 / (radial * angular)
+        for b in range(angular):
+            angle = 2 * np.pi * (b + 0.5) / angular
+            t1 = radius * np.cos(angle)
+            share = 0.5 * (1 + z)
+            t2 = (1 - share) * np.sqrt(1 - t1 * t1) + share * radius * np.sin(angle)
+            up = np.sqrt(max(1 - t1 * t1 - t2 * t2, 0.0))
+            # tangents of the stretched view (x, 0, z): (0, 1, 0) and (-z, 0, x)
+            hx, hy, hz = alpha * (up * x - t2 * z), alpha * t1, max(up * z + t2 * x, 0.0)
+            length = np.sqrt(hx * hx + hy * hy + hz * hz)
+            cos_d = min(max((hx * sine + hz * mu) / length, 0.0), 1.0)
+            out = 2 * cos_d * hz / length - mu
+            if out > 0:
+                passed = weight * 2 * out / (out + np.sqrt(alpha * alpha * (1 - out * out) + out * out))
+                for e in range(eta.size):
+                    missing[e] -= passed if eta[e] == 0 else passed * fresnel(cos_d, eta[e])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _albedos(roughness, cosine, eta, radial, angular):
+    """:func:`_missing` at all (eta, roughness, cosine)."""
+    table, missing = np.empty((eta.size, roughness.size, cosine.size)), np.empty(eta.size)
     for r in range(roughness.size):
-        alpha = max(roughness[r] ** 2, MIN_ALPHA)
         for k in range(cosine.size):
-            mu = max(cosine[k], 1e-4)
-            stretched = np.sqrt(alpha * alpha * (1 - mu * mu) + mu * mu)
-            x, z = alpha * np.sqrt(1 - mu * mu) / stretched, mu / stretched
-            kept, reflected = 0.0, np.zeros(eta.size)
-            for a in range(radial):
-                radius = np.sqrt((a + 0.5) / radial)
-                for b in range(angular):
-                    angle = 2 * np.pi * (b + 0.5) / angular
-                    t1 = radius * np.cos(angle)
-                    share = 0.5 * (1 + z)
-                    t2 = (1 - share) * np.sqrt(1 - t1 * t1) + share * radius * np.sin(angle)
-                    up = np.sqrt(max(1 - t1 * t1 - t2 * t2, 0.0))
-                    # tangents of the stretched view (x, 0, z): (0, 1, 0) and (-z, 0, x)
-                    hx, hy, hz = alpha * (up * x - t2 * z), alpha * t1, max(up * z + t2 * x, 0.0)
-                    length = np.sqrt(hx * hx + hy * hy + hz * hz)
-                    hx, hz = hx / length, hz / length
-                    cos_d = min(max(hx * np.sqrt(1 - mu * mu) + hz * mu, 0.0), 1.0)
-                    out = 2 * cos_d * hz - mu
-                    if out <= 0:
-                        continue
-                    passed = 2 * out / (out + np.sqrt(alpha * alpha * (1 - out * out) + out * out))
-                    kept += passed
-                    for e in range(eta.size):
-                        reflected[e] += passed * fresnel(cos_d, eta[e])
-            metal[r, k] = 1 - kept / (radial * angular)
-            for e in range(eta.size):
-                dielectric[e, r, k] = 1 - reflected[e] / (radial * angular)
+            _missing(max(roughness[r] ** 2, MIN_ALPHA), max(cosine[k], 1e-4), eta, radial, angular, missing)
+            table[:, r, k] = missing
+    return table
 
 
 @cache
@@ -82,14 +86,16 @@ def albedo_tables() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Light that one bounce does not reflect: of a white metal (roughness, cosine) and its cosine-weighted mean
     (roughness); of a dielectric (index, roughness, cosine) and its mean (index, roughness)."""
     nodes, eta = np.linspace(0, 1, NODES), np.linspace(1, MAX_IOR, IOR_NODES)
-    metal, dielectric = np.empty((NODES, NODES)), np.empty((IOR_NODES, NODES, NODES))
-    _albedos(nodes, nodes, eta, metal, dielectric)
-    # int 2 mu E dmu of a function that is linear between nodes
-    step, low, high = nodes[1], nodes[:-1], nodes[1:]
-    weight = np.zeros(NODES)
-    weight[:-1] += step * (2 * low + high) / 3
-    weight[1:] += step * (low + 2 * high) / 3
-    return np.maximum(metal, 0), np.maximum(metal, 0) @ weight, dielectric, dielectric @ weight
+    point, weight = np.polynomial.legendre.leggauss(24)
+    between = 0.5 * (point + 1)
+    weight = weight * between  # 2 mu dmu over [0, 1]
+    cosines = np.concatenate([nodes, between])
+    metal = np.maximum(_albedos(nodes, cosines, np.zeros(1), 96, 96)[0], 0)
+    dielectric = _albedos(nodes, cosines, eta, 24, 24)
+    means = (np.ascontiguousarray(table[..., NODES:]) @ weight for table in (metal, dielectric))
+    tables = (np.ascontiguousarray(table[..., :NODES]) for table in (metal, dielectric))
+    (first, second), (third, fourth) = tables, means
+    return first, third, second, fourth
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -235,7 +241,7 @@ def openpbr(p, samples, out, metal_table, metal_mean, table, table_mean):
             between = between / np.pi
         kept, gloss = 1 + 0 * coat, 0 * coat
         if coat.real > 0 or coat.imag > 0:
-            kept = (1 - coat * (1 - _at(coat_row, cos_i))) * (1 - coat * (1 - _at(coat_row, cos_o)))
+            kept = 1 - coat * (1 - _at(coat_row, cos_o))
             gloss = coat * ggx(sin2_h, coat_alpha) * visible_separable(cos_i, cos_o, coat_alpha)
             gloss = gloss * fresnel(cos_d, coat_ior)
         for c in range(3):
@@ -305,6 +311,20 @@ class OpenPBR(EngineModel):
         """base_weight scales base_color, and specular_weight says what specular_ior says: held. No coat by default."""
         held = {"base_weight": 1.0, "specular_weight": 1.0}
         return held if options["coat"] else held | {"coat_weight": 0.0, "coat_roughness": 0.0, "coat_ior": 1.6}
+
+    def folded(self, p, samples, out):
+        """With a coat the mean of both orders of directions, as the grid can hold it."""
+        self.values(p, samples, out)
+        if p[12] != 0:
+            other = np.empty_like(out)
+            self.values(p, np.ascontiguousarray(samples[:, [1, 0, 2, 3]]), other)
+            out += other
+            out *= 0.5
+
+    def warnings(self, parameters, options):
+        said = super().warnings(parameters, options)
+        coated = options["coat"] and parameters["coat_weight"][0] > 0
+        return [*said, "with a coat this model is not reciprocal"] if coated else said
 
     def _specular(self, p: Mapping[str, np.ndarray], cosine: np.ndarray) -> np.ndarray:
         """F of the base without coat, (n, 3)."""
