@@ -100,8 +100,8 @@ def geometry(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
 
 @cache
 def grid_geometry() -> np.ndarray:
-    """:func:`geometry` of the first half of the grid, phi_d < 90 degrees: (90, 90, 90, 4), read-only. The other half has
-    theta_i and theta_o swapped."""
+    """:func:`geometry` of the first half of the grid, phi_d < 90 degrees: (90, 90, 90, 4), read-only. The other half
+    has theta_i and theta_o swapped."""
     theta_h, theta_d, phi_d = theta_h_centres()[:, None, None], theta_d_centres()[None, :, None], phi_d_centres()[:90]
     middle, swing = np.cos(theta_h) * np.cos(theta_d), np.sin(theta_h) * np.sin(theta_d) * np.cos(phi_d)
     columns = middle - swing, middle + swing, np.sin(theta_h) ** 2, np.cos(theta_d)
@@ -225,7 +225,7 @@ class EngineModel(Model):
         for row, samples in enumerate(grid_geometry()):
             self.folded(p, samples.reshape(-1, 4), out)
             table[row, :, :90] = out.reshape(90, 90, 3)
-        table[:, :, 90:] = table[:, :, : 90][:, :, ::-1]  # theta_i and theta_o swapped
+        table[:, :, 90:] = table[:, :, :90][:, :, ::-1]  # theta_i and theta_o swapped
         return table
 
     def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:
@@ -258,9 +258,7 @@ class EngineModel(Model):
             starts[:, first : first + 3] = lower[first] + drawn[:, first, None] * tint * (upper[first] - lower[first])
         return starts
 
-    def _descend(
-        self, space: "Space", grid: Grid, starts: np.ndarray
-    ) -> tuple[Solution, list[tuple[float, float]]]:
+    def _descend(self, space: "Space", grid: Grid, starts: np.ndarray) -> tuple[Solution, list[tuple[float, float]]]:
         lower, upper = space.bounds()
         coarse, fine = (Problem(space, grid.merged(*cells)) for cells in (COARSE, FINE))
         values = np.array([coarse.value(x) for x in starts])

@@ -10,11 +10,8 @@ from brdfatlas.angles import theta_d_centres
 from brdfatlas.microfacet import schlick
 from brdfatlas.models.base import Parameter
 from brdfatlas.models.engine.base import (
-    COARSE,
-    FINE,
     EngineModel,
     Grid,
-    Problem,
     Space,
     fifth,
     ggx,
@@ -46,7 +43,8 @@ class Ggx2Diffuse(EngineModel):
     paper = WALTER2007
     equations = "as ggx_diffuse, for two lobes whose weights sum to 1"
     formula = (
-        "rho = kd/pi + F ((1 - w) D1 G1 + w D2 G2) / (4 cos theta_i cos theta_o); D, F, G as ggx_diffuse, one F0 for both"
+        "rho = kd/pi + F ((1 - w) D1 G1 + w D2 G2) / (4 cos theta_i cos theta_o); "
+        "D, F, G as ggx_diffuse, one F0 for both"
     )
     parameters = (
         KD,

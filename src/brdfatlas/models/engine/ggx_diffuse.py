@@ -47,7 +47,11 @@ class GgxDiffuse(EngineModel):
         "F = F0 + (1 - F0)(1 - cos theta_d)^5; G = 1 / (1 + L(theta_i) + L(theta_o)), "
         "L = (-1 + sqrt(1 + alpha^2 tan^2)) / 2"
     )
-    parameters = (KD, F0, Parameter("alpha", (1,), "width of the lobe, the square of an artist's roughness", "", 1e-3, 1.0))
+    parameters = (
+        KD,
+        F0,
+        Parameter("alpha", (1,), "width of the lobe, the square of an artist's roughness", "", 1e-3, 1.0),
+    )
     kernel = ggx_diffuse
     logarithmic = ("alpha",)
     start_ranges: ClassVar[Mapping[str, tuple[float, float]]] = {"alpha": (2e-3, 0.8)}

@@ -2,11 +2,13 @@
 
 What the reference implementation does beyond the text of the specification is followed: separable Smith shadowing, the
 approximate directional albedo of EON, multiple scattering between facets for metals only, a coat that roughens and
-darkens what lies beneath. What differs here: the directional albedos are tabulated on its nodes (32 cosines, 32
-roughnesses, 16 indices of refraction up to 2.5) but integrated anew, and the factor of the metal's multiple scattering
-is clamped by the larger cosine, so that swapping the directions changes nothing. The coat's albedo scaling looks at the
-outgoing direction alone, as there: without a coat the model is reciprocal, with one it is not. Left out: transmission, subsurface
-scattering, fuzz, thin film, anisotropy.
+darkens what lies beneath. Its coat's albedo scaling looks at the outgoing direction alone: without a coat the model is
+reciprocal, with one it is not.
+
+What differs here: the directional albedos are tabulated on its nodes (32 cosines, 32 roughnesses, 16 indices of
+refraction up to 2.5) and rounded to 16 bits like its own, but integrated anew; and the factor of the metal's multiple
+scattering is clamped by the larger cosine, so that swapping the directions changes nothing. Left out: transmission,
+subsurface scattering, fuzz, thin film, anisotropy.
 """
 
 from collections.abc import Mapping
@@ -43,16 +45,14 @@ F82_SCALE = 1 / (F82_COSINE * (1 - F82_COSINE) ** 6)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _missing(alpha, mu, eta, radial, angular, missing):
-    """Fill missing (eta,) with the share of light at cosine mu that one bounce on GGX facets does not reflect; an eta of
-    0 stands for a white metal. A sum over visible normals (Heitz 2018), dense where they are steep and paths end below
-    the horizon."""
+    """Fill missing (eta,) with the share of light at cosine mu that one bounce on GGX facets does not reflect; an eta
+    of 0 stands for a white metal. A stratified sum over visible normals (Heitz 2018)."""
     missing[:] = 1.0
     sine = np.sqrt(1 - mu * mu)
     stretched = np.sqrt(alpha * alpha * (1 - mu * mu) + mu * mu)
     x, z = alpha * sine / stretched, mu / stretched
     for a in range(radial):
-        rest = 1 - (a + 0.5) / radial
-        radius, weight = np.sqrt(1 - rest**3), 3 * rest**2 / (radial * angular)
+        radius = np.sqrt((a + 0.5) / radial)
         for b in range(angular):
             angle = 2 * np.pi * (b + 0.5) / angular
             t1 = radius * np.cos(angle)
@@ -65,7 +65,7 @@ def _missing(alpha, mu, eta, radial, angular, missing):
             cos_d = min(max((hx * sine + hz * mu) / length, 0.0), 1.0)
             out = 2 * cos_d * hz / length - mu
             if out > 0:
-                passed = weight * 2 * out / (out + np.sqrt(alpha * alpha * (1 - out * out) + out * out))
+                passed = 2 * out / (out + np.sqrt(alpha * alpha * (1 - out * out) + out * out)) / (radial * angular)
                 for e in range(eta.size):
                     missing[e] -= passed if eta[e] == 0 else passed * fresnel(cos_d, eta[e])
 
@@ -84,18 +84,22 @@ def _albedos(roughness, cosine, eta, radial, angular):
 @cache
 def albedo_tables() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Light that one bounce does not reflect: of a white metal (roughness, cosine) and its cosine-weighted mean
-    (roughness); of a dielectric (index, roughness, cosine) and its mean (index, roughness)."""
+    (roughness); of a dielectric (index, roughness, cosine) and its mean (index, roughness).
+
+    Rounded to 16 bits, and no finer in the metal's strata, as the reference implementation's: what a smooth metal
+    scatters far from its highlight hangs on that, about 1e-5 of its albedo."""
     nodes, eta = np.linspace(0, 1, NODES), np.linspace(1, MAX_IOR, IOR_NODES)
     point, weight = np.polynomial.legendre.leggauss(24)
     between = 0.5 * (point + 1)
     weight = weight * between  # 2 mu dmu over [0, 1]
     cosines = np.concatenate([nodes, between])
-    metal = np.maximum(_albedos(nodes, cosines, np.zeros(1), 96, 96)[0], 0)
-    dielectric = _albedos(nodes, cosines, eta, 24, 24)
+    metal = np.maximum(_albedos(nodes, cosines, np.zeros(1), 128, 128)[0], 0)
+    dielectric = _albedos(nodes, cosines, eta, 32, 32)
     means = (np.ascontiguousarray(table[..., NODES:]) @ weight for table in (metal, dielectric))
     tables = (np.ascontiguousarray(table[..., :NODES]) for table in (metal, dielectric))
-    (first, second), (third, fourth) = tables, means
-    return first, third, second, fourth
+    (metal, dielectric), (metal_mean, dielectric_mean) = tables, means
+    rounded = (np.round(table * 65535) / 65535 for table in (metal, metal_mean, dielectric, dielectric_mean))
+    return tuple(rounded)  # type: ignore[return-value]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -259,7 +263,7 @@ def kernel(p: np.ndarray, samples: np.ndarray, out: np.ndarray) -> None:
 
 
 class OpenPBR(EngineModel):
-    """Twelve numbers, fifteen with a coat."""
+    """Twelve free numbers, fifteen with a coat."""
 
     name = "openpbr"
     title = "OpenPBR 1.1"
@@ -272,8 +276,8 @@ class OpenPBR(EngineModel):
     )
     equations = "version 1.1, base substrate and coat; EON: Portsmouth, Kutz, Hill 2025; F82-tint: Kutz et al. 2021"
     formula = (
-        "rho = coat + T_c(theta_i) T_c(theta_o) dark [(1 - m) (specular_color F_eta D G / (4 cos cos) + EON T T / <T>) + "
-        "m (F_82 D G / (4 cos cos) + multiple scattering)]; T = 1 - directional albedo (tabulated), D, G of GGX, "
+        "rho = coat + T_c(theta_o) dark [(1 - m) (specular_color F_eta D G / (4 cos cos) + EON T T / <T>) "
+        "+ m (F_82 D G / (4 cos cos) + multiple scattering)]; T = 1 - directional albedo (tabulated), D, G of GGX, "
         "alpha = roughness^2"
     )
     parameters = (
@@ -281,7 +285,9 @@ class OpenPBR(EngineModel):
         Parameter("base_color", (3,), "base colour, linear Rec. 709 rgb", "", 0.0, 1.0),
         Parameter("base_diffuse_roughness", (1,), "roughness of the diffuse lobe (EON)", "", 0.0, 1.0),
         Parameter("base_metalness", (1,), "0 dielectric, 1 metal", "", 0.0, 1.0),
-        Parameter("specular_weight", (1,), "scale of the reflectance at normal incidence; a fit holds it at 1", "", 0.0, 1.0),
+        Parameter(
+            "specular_weight", (1,), "scale of the reflectance at normal incidence; a fit holds it at 1", "", 0.0, 1.0
+        ),
         Parameter("specular_color", (3,), "tint of dielectric reflection, of metals at 82 degrees, rgb", "", 0.0, 1.0),
         Parameter("specular_roughness", (1,), "perceptual roughness; alpha is its square", "", 0.03, 1.0),
         Parameter("specular_ior", (1,), "index of refraction", "", 1.0, 3.0),

@@ -69,7 +69,7 @@ def principled(p, samples, out):
 
 
 class Principled(EngineModel):
-    """Twelve numbers, without anisotropy and transmission. Equal to the plugin (``tests/unit/test_engine_models.py``)."""
+    """Twelve numbers, without anisotropy and transmission. A test compares it with the plugin."""
 
     name = "principled"
     title = "Disney principled (Mitsuba)"
