@@ -11,7 +11,7 @@ import numpy as np
 
 import brdfatlas
 from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
-from brdfatlas.measured import Measured, MeasuredError, read_merl, write_merl
+from brdfatlas.measured import Measured, MeasuredError, fold, read_merl, write_merl
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import FitError
 
@@ -29,7 +29,7 @@ def load(path: str, source: str | None = None) -> Measured | Fit:
 
 def table_of(item: Measured | Fit) -> np.ndarray:
     """Its values on the MERL grid, NaN where there are none."""
-    return item.table() if isinstance(item, Fit) else item.table
+    return fold(item.table()) if isinstance(item, Fit) else item.table
 
 
 def models_command(args: argparse.Namespace) -> dict[str, Any]:
@@ -76,7 +76,7 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def info_command(args: argparse.Namespace) -> dict[str, Any]:
     """Valid cells, range, albedo of a file; or what is wrong with it (exit status 1)."""
-    from brdfatlas.pipeline.jobs import describe_material
+    from brdfatlas.pipeline.records import describe_material
 
     described = describe_material(read_merl(args.file))
     if not args.json:
@@ -135,10 +135,12 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
 def table_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put a fit on the MERL grid, for any MERL reader."""
     fitted = load_fit(args.fit, args.source)
-    write_merl(args.output, fitted.table(), standin=fitted.standin)
+    write_merl(args.output, fold(fitted.table()), standin=fitted.standin)
+    folded = not fitted.instance.reciprocal
     if not args.json:
-        print(f"{args.output}: {args.fit} on the MERL grid")
-    return {"fit": args.fit, "output": args.output}
+        note = " (not reciprocal: the mean of both orders of the directions)" if folded else ""
+        print(f"{args.output}: {args.fit} on the MERL grid{note}")
+    return {"fit": args.fit, "output": args.output, "mean_of_both_orders": folded}
 
 
 def compare_command(args: argparse.Namespace) -> dict[str, Any]:

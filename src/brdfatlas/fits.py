@@ -11,7 +11,7 @@ import numpy as np
 
 from brdfatlas.angles import above_horizon
 from brdfatlas.files import read_npz, write_npz
-from brdfatlas.measured import Measured
+from brdfatlas.measured import Measured, fold
 from brdfatlas.models import MODELS, Entry, load_model
 from brdfatlas.models.base import Factors, FitError, Function, Model
 from brdfatlas.sampling import Sampler
@@ -65,21 +65,27 @@ class Fit:
         return sum(array.nbytes for array in self.parameters.values())
 
     def evaluate(self, wi, wo) -> np.ndarray:
-        """rgb (..., 3) in 1/sr at unit vectors (..., 3); 0 where one direction is below the surface."""
+        """rgb (..., 3) in 1/sr at unit vectors (..., 3): ``wi`` towards the light, ``wo`` towards the viewer, which
+        matters to a model that is not reciprocal. 0 where one direction is below the surface, NaN where one is NaN."""
         wi, wo = np.broadcast_arrays(np.asarray(wi, float), np.asarray(wo, float))
-        seen = (wi[..., 2] > 0) & (wo[..., 2] > 0)
+        unknown = np.isnan(wi).any(-1) | np.isnan(wo).any(-1)
+        seen = (wi[..., 2] > 0) & (wo[..., 2] > 0) & ~unknown  # compiled look-ups make indices of angles
         if seen.all():
             return np.asarray(self.instance.evaluate(self.parameters, wi, wo))
         rgb = np.zeros(wi.shape)
+        rgb[unknown] = np.nan
         if seen.any():
             rgb[seen] = self.instance.evaluate(self.parameters, wi[seen], wo[seen])
         return rgb
 
     def table(self) -> np.ndarray:
-        """The fit at the cell centres of the MERL grid, (90, 90, 180, 3) float32, NaN below the horizon."""
+        """The fit at the cell centres of the grid, float32, NaN below the horizon: the MERL grid, (90, 90, 180, 3), or
+        for a model that is not reciprocal the full circle, (90, 90, 360, 3) (:func:`brdfatlas.measured.fold` makes a
+        MERL table of either)."""
         table = np.array(self.instance.evaluate_grid(self.parameters), np.float32, copy=True)
         table[~above_horizon()] = np.nan
-        return table
+        # phi_d -> -phi_d mirrors both directions at the plane of the half vector and the normal.
+        return table if self.instance.reciprocal else np.concatenate([table, table[:, :, ::-1]], 2)
 
     def sampler(self) -> Sampler | None:
         """The importance sampler of the fit; None for a model without a sampling procedure."""
@@ -190,7 +196,7 @@ def describe_fit(fitted: Fit, measured: Measured, table: np.ndarray) -> dict[str
 
     FitError if the fit has no finite value where the material has one: no picture and no error could be made of it.
     """
-    bad = int((~np.isfinite(table[measured.valid]).all(-1)).sum())
+    bad = int((~np.isfinite(fold(table)[measured.valid]).all(-1)).sum())
     if bad:
         raise FitError(f"{fitted.entry} on {fitted.material}: NaN or Inf at {bad:,} measured cells")
     return {

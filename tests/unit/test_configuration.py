@@ -1,10 +1,12 @@
 """Configuration: defaults, and one clear line with file, key and remedy for every fault."""
 
+import os
 from pathlib import Path
 
 import pytest
 import yaml
 
+from brdfatlas.files import write_json
 from brdfatlas.measured import FILE_BYTES, write_merl
 from brdfatlas.models import read_entries
 from brdfatlas.pipeline.configuration import (
@@ -16,7 +18,7 @@ from brdfatlas.pipeline.configuration import (
     read_config,
     read_yaml,
 )
-from brdfatlas.pipeline.materials import find_materials
+from brdfatlas.pipeline.materials import check_files, find_materials
 from brdfatlas.settings import check_name
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -61,6 +63,15 @@ def test_every_key_has_default_and_description_and_is_explained():
         ({"render": {"samples": 0}}, ["render.samples", "0"]),
         ({"render": {"batches": 2}}, ["render.batches", "minimum of 3"]),
         ({"strict": "yes"}, ["strict", "boolean"]),
+        ({"seed": -1}, ["seed", "-1", "allowed: 0 to 2147483647"]),
+        ({"seed": 2**32}, ["seed", "4294967296", "allowed: 0 to 2147483647"]),
+        ({"render": {"seed": 2**32}}, ["render.seed", "allowed: 0 to 2147483647"]),
+        ({"render": {"size": 8}}, ["render.size", "8", "allowed: 16 to 4096"]),
+        ({"render": {"size": 100_000}}, ["render.size", "100000", "allowed: 16 to 4096"]),
+        ({"render": {"samples": 1.0e30}}, ["render.samples", "1e+30", "integer"]),
+        ({"render": {"samples": 10**30}}, ["render.samples", "allowed: 3 to 1048576"]),
+        ({"render": {"samples": True}}, ["render.samples", "integer"]),
+        ({"merl_folder": "config/config.yaml"}, ["merl_folder", "config/config.yaml", "not a folder"]),
         ({"materials": "chrome"}, ["materials"]),
     ],
 )
@@ -80,6 +91,42 @@ def test_yaml_faults_name_file_and_line(tmp_path):
         read_yaml(tmp_path / "bad.yaml")
     with pytest.raises(ConfigError, match="no such file"):
         read_yaml(tmp_path / "absent.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("seed: 1\nseed: 2\n", "line 2: .*'seed' stands twice"),
+        ("render: {size: 16, size: 32}\n", "line 1: .*'size' stands twice"),
+        ("!!binary c2VlZA==: 1\n", "line 1: .*is no text"),
+        ("1: 2\n", "line 1: .*'1' is no text"),
+        ("[a]: 2\n", "line 1: .*is no text"),
+        ("seed: 99999-99-99999\ndate: 2026-99-99\n", "not usable YAML"),
+    ],
+)
+def test_keys_of_yaml_are_text_and_stand_once(tmp_path, text, words):
+    (tmp_path / "bad.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=rf"bad\.yaml: .*{words}|bad\.yaml: {words}") as caught:
+        read_yaml(tmp_path / "bad.yaml")
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_no_text_file_is_named(tmp_path):
+    (tmp_path / "latin.yaml").write_bytes(b"a: \xe4\n")
+    with pytest.raises(ConfigError, match=r"latin\.yaml: not UTF-8"):
+        read_yaml(tmp_path / "latin.yaml")
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(ConfigError, match=r"pipe\.yaml: not a regular file"):
+        read_yaml(tmp_path / "pipe.yaml")
+
+
+def test_words_of_the_command_line_become_what_the_key_wants():
+    """Snakemake hands on text inside of mappings, and booleans that are not written as in Python."""
+    config = read_config({"strict": "true", "render": {"size": "32"}, "materials": ["12"], "merl_folder": "12"})
+    assert config["strict"] is True
+    assert config["render"]["size"] == 32
+    assert config["materials"] == ["12"]
+    assert config["merl_folder"] == "12"
 
 
 @pytest.mark.parametrize(
@@ -149,7 +196,7 @@ def good_file(tmp_path_factory):
     return path
 
 
-def test_bad_materials_are_left_out_with_a_reason_and_verdicts_are_kept(tmp_path, good_file, monkeypatch):
+def test_bad_materials_are_left_out_with_a_reason_and_recorded_verdicts_are_believed(tmp_path, good_file, monkeypatch):
     folder = tmp_path / "merl"
     folder.mkdir()
     (folder / "good.binary").symlink_to(good_file)
@@ -158,13 +205,15 @@ def test_bad_materials_are_left_out_with_a_reason_and_verdicts_are_kept(tmp_path
     (folder / "<script>.binary").symlink_to(good_file)
     config = read_config({"merl_folder": str(folder)})
     checks = tmp_path / "checks.json"
-    usable, left_out = find_materials(config, "standins", checks)
+    usable, left_out, verdicts = find_materials(config, "standins", checks)
+    assert not checks.exists(), "who plans writes nothing"
     assert [m.name for m in usable] == ["good"]
     assert {item.name for item in left_out} == {"short", "a b;rm", "<script>"}
     assert all(item.path in item.reason for item in left_out)
 
+    write_json(checks, verdicts)
     monkeypatch.setattr("brdfatlas.pipeline.materials.read_merl", lambda path: pytest.fail("read again"))
-    assert find_materials(config, "standins", checks) == (usable, left_out)
+    assert find_materials(config, "standins", checks) == (usable, left_out, verdicts)
     with pytest.raises(ConfigError, match="strict"):
         find_materials(config | {"strict": True}, "standins", checks)
 
@@ -183,7 +232,7 @@ def test_files_on_which_no_fit_can_be_judged_are_left_out(tmp_path, good_file):
     cosines = np.minimum(*grid_cosines())
     grazing = np.where((above_horizon() & (cosines < np.cos(np.deg2rad(89.1))))[..., None], black + 1, np.nan)
     write_merl(folder / "grazing.binary", grazing)
-    usable, left_out = find_materials(read_config({"merl_folder": str(folder)}), "standins", tmp_path / "checks.json")
+    usable, left_out, _ = find_materials(read_config({"merl_folder": str(folder)}), "standins", tmp_path / "none.json")
     assert [m.name for m in usable] == ["good"]
     reasons = {item.name: item.reason for item in left_out}
     assert "black, every sample" in reasons["black"]
@@ -197,13 +246,14 @@ def test_a_mended_file_is_checked_again(tmp_path, good_file):
     config, checks = read_config({"merl_folder": str(folder)}), tmp_path / "checks.json"
     with pytest.raises(ConfigError, match="no file there can be used"):
         find_materials(config, "standins", checks)
+    write_json(checks, check_files({"m": folder / "m.binary"}, checks))
     (folder / "m.binary").write_bytes(good_file.read_bytes())
     assert [m.name for m in find_materials(config, "standins", checks)[0]] == ["m"]
 
 
 def test_standins_where_there_is_no_file(tmp_path, capsys):
     config = read_config({"merl_folder": str(tmp_path / "none")})
-    usable, left_out = find_materials(config, "standins", tmp_path / "checks.json")
+    usable, left_out, _ = find_materials(config, "standins", tmp_path / "checks.json")
     assert len(usable) == 4
     assert all(m.standin for m in usable)
     assert left_out == []

@@ -1,30 +1,20 @@
-# The run's materials, models and scenes, checked before any work, and the few helpers that rules share.
+# The run's materials, models and scenes, checked before any work, and the few helpers that rules share. Reading this
+# writes nothing.
 
 import os
 import sys
 from pathlib import Path
 
-from brdfatlas.pipeline.configuration import (
-    check_samples,
-    choose,
-    files_of_scene,
-    read_assets,
-    read_config,
-)
-from brdfatlas.models import read_entries
-from brdfatlas.pipeline.jobs import revision, versions
-from brdfatlas.pipeline.materials import find_materials
-from brdfatlas.pipeline.progress import Progress
-from brdfatlas.pipeline.recovery import record_outputs, recover
-from brdfatlas.pipeline.sources import list_sources, module_path
-from brdfatlas.rendering.scenes import read_scenes
-from brdfatlas.pipeline.standins import PUBLISHED_MODELS
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.export.uber_texture import HEIGHT, has_row
-from snakemake.logging import logger
-
-# Only the process that will run jobs mends what an earlier run left, and follows the jobs: no dry run, no job itself,
-# and no --lint, which Snakemake tells from a run only by this.
-STARTING = workflow.is_main_process and not workflow.output_settings.dryrun and workflow.check_envvars
+from brdfatlas.models import read_entries
+from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config
+from brdfatlas.pipeline.leftovers import missing_files
+from brdfatlas.pipeline.materials import find_materials
+from brdfatlas.pipeline.provenance import provenance, shipped
+from brdfatlas.pipeline.records import revision, versions
+from brdfatlas.pipeline.standins import PUBLISHED_MODELS
+from brdfatlas.rendering.scenes import read_scenes
 
 try:
     config = read_config(config)
@@ -34,26 +24,27 @@ try:
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
     ASSETS = read_assets("config/assets.yaml")
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
-    if STARTING:
-        recover(["src", "workflow", "config", config["merl_folder"]])
-    FOUND, LEFT_OUT = find_materials(config, "results/standins", "results/materials/checks.json")
+    FOUND, LEFT_OUT, CHECKS = find_materials(config, "results/standins", "results/checks.json")
 except ValueError as error:
     raise WorkflowError(str(error)) from None
 
 # The rows of the run, for every job that says more of a model than its name.
 ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
 
-VERSIONS = versions()
-
-if STARTING:
-    logger.addHandler(Progress("results/progress.log", workflow.resource_settings.cores or 1, finished=record_outputs))
-
 BINARIES = {material.name: material.binary for material in FOUND}
 STANDINS = {material.name for material in FOUND if material.standin}
 MATERIALS = list(BINARIES)
+REFERENCES = [REFERENCE, REFERENCE_AGAIN]
 PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)
+
+# Libraries whose versions make a result another. Each rule states what it is made of: provenance(MODULES, libraries=...).
+FITTING = ("numpy", "scipy", "numba")
+RENDERING = ("numpy", "mitsuba", "drjit")
+MEASURING = ("numpy", "numba", "scikit-image", "flip-evaluator")
+DRAWING = ("numpy", "matplotlib", "pillow", "scikit-image", "flip-evaluator")
+TEMPLATES = ("reports/templates/*.j2",)
 
 
 wildcard_constraints:
@@ -67,15 +58,6 @@ def binary_of(wildcards):
     return BINARIES[wildcards.material]
 
 
-def sources(*modules):
-    """A list of the source files that these modules depend on, with their checksums; declared as an input, so that a
-    changed file reruns what needs it."""
-    try:
-        return list_sources("results/sources", *modules)
-    except OSError as error:
-        raise WorkflowError(f"results/sources: cannot be written ({error.strerror})") from None
-
-
 def first_material_first(wildcards):
     """Priority of a job: materials are finished one after another, so that the first page is out early."""
     return len(MATERIALS) - MATERIALS.index(wildcards.material)
@@ -87,35 +69,14 @@ def neighbours(wildcards):
     return MATERIALS[max(0, place - 1) : place + 2]
 
 
-def model_sources(wildcards):
-    """The model's own file and what it imports: editing one model refits that model only."""
-    return sources(ALL_ENTRIES[wildcards.model].module, "brdfatlas.fits", "brdfatlas.measures.physics")
-
-
 def scene_files(names):
-    """The light probes and meshes that these scenes read. One that is not there stops a run when it is planned, before
-    any work; downloads need no scene, so they are not stopped."""
+    """The light probes and meshes that these scenes read. One that is not there stops every run that needs it when it
+    is planned, before any work; by an exit, because Snakemake passes over errors of inputs of what exists already."""
     source = config["scenes_file"]
     try:
         return [file for name in names for file in files_of_scene(name, ALL_SCENES[name], source, ASSETS)]
     except ValueError as error:
-        raise WorkflowError(str(error)) from None
-
-
-def fit_of(wildcards):
-    """The fit that a render needs: none for the measured table itself."""
-    if wildcards.model in ("reference", "reference_again"):
-        return {}
-    return {
-        "fit": rules.fit_model.output.fit.format(**wildcards),
-        "report": rules.fit_model.output.report.format(**wildcards),
-    }
-
-
-def beside_site(folder, ending=""):
-    """Files of the reports package that are no modules: templates (".j2" of pages, ".typ" of the PDF) and assets."""
-    package = Path(os.path.relpath(module_path("brdfatlas.reports.site").parent))
-    return sorted(str(path) for path in (package / folder).glob(f"[!.]*{ending}"))
+        raise SystemExit(str(error)) from None
 
 
 def texture_rows(wildcards):
@@ -126,4 +87,4 @@ def texture_rows(wildcards):
 
 def asset_names():
     """Names of the site's styles and scripts."""
-    return [Path(path).name for path in beside_site("assets")]
+    return [path.name for path in shipped("reports/assets/*")]

@@ -2,9 +2,7 @@
 import re
 
 TONES = {name: (ALL_SCENES[name]["exposure"], ALL_SCENES[name]["gamma"]) for name in SCENES}
-RENDERS = expand(
-    "results/renders/{{material}}/{model}/{scene}.exr", model=["reference", "reference_again", *MODELS], scene=SCENES
-)
+RENDERS = expand("results/renders/{{material}}/{model}/{scene}.exr", model=[*REFERENCES, *MODELS], scene=SCENES)
 TABLES = ["errors", "brdf", "summary", "summary_brdf", "wins", "published"]
 STANDINGS_TITLES = {
     "summary": "means by class of material and scene",
@@ -19,7 +17,6 @@ rule measure_errors:
         renders=RENDERS,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        source=sources("brdfatlas.measures.errors"),
     output:
         images=report(
             "results/errors/{material}/images.tsv",
@@ -38,9 +35,10 @@ rule measure_errors:
         material="|".join(map(re.escape, MATERIALS)),
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 1200 * attempt,
-        runtime=lambda wildcards, attempt: 10 * attempt,
+        mem_mb=1200,
+        runtime=10,
     params:
+        provenance=provenance("brdfatlas.measures.errors", libraries=MEASURING),
         models=MODELS,
         tones=TONES,
     message:
@@ -55,7 +53,6 @@ rule tabulate_errors:
         brdf=expand("results/errors/{material}/brdf.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
-        source=sources("brdfatlas.measures.tables"),
     output:
         [f"results/tables/{table}.tsv" for table in TABLES if table not in STANDINGS_TITLES],
         [
@@ -75,6 +72,7 @@ rule tabulate_errors:
         mem_mb=600,
         runtime=5,
     params:
+        provenance=provenance("brdfatlas.measures.tables", libraries=MEASURING),
         models=MODELS,
     message:
         "means, wins and ties over all materials"

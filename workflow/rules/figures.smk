@@ -4,22 +4,22 @@
 rule draw_pictures:
     input:
         renders=RENDERS,
-        source=sources("brdfatlas.figures.pictures"),
     output:
-        # Hundreds of pictures a material would burden the DAG: a list stands for them, the reference's are watched.
+        # Hundreds of pictures a material would burden the DAG, and a failed fit has none: a list stands for them.
         listing="results/pictures/{material}.json",
-        references=expand("reports/materials/{{material}}/renders/{scene}/reference/render.webp", scene=SCENES),
     log:
         "results/logs/draw_pictures/{material}.log",
     benchmark:
         "results/benchmarks/draw_pictures/{material}.tsv"
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 600 * attempt,
-        runtime=lambda wildcards, attempt: 10 * attempt,
+        mem_mb=600,
+        runtime=10,
     params:
+        provenance=provenance("brdfatlas.figures.pictures", libraries=DRAWING),
         models=MODELS,
         tones=TONES,
+        folder="reports/materials/{material}",
         hdr=True,
     message:
         "pictures of {wildcards.material}"
@@ -28,8 +28,6 @@ rule draw_pictures:
 
 
 rule draw_bars:
-    input:
-        source=sources("brdfatlas.figures.pictures"),
     output:
         expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
     log:
@@ -41,6 +39,8 @@ rule draw_bars:
     resources:
         mem_mb=400,
         runtime=5,
+    params:
+        provenance=provenance("brdfatlas.figures.pictures", libraries=DRAWING),
     message:
         "colour bars of the error maps"
     script:
@@ -52,7 +52,6 @@ rule draw_figures:
         binary=binary_of,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        source=sources("brdfatlas.figures.jobs"),
     output:
         # Which functions there are depends on the models: a list stands for them.
         listing="results/figures/{material}.json",
@@ -69,11 +68,13 @@ rule draw_figures:
         "results/benchmarks/draw_figures/{material}.tsv"
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 1200 * attempt,
-        runtime=lambda wildcards, attempt: 10 * attempt,
+        mem_mb=1200,
+        runtime=10,
     params:
+        provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
         models=MODELS,
         entries=ENTRIES,
+        folder="reports/materials/{material}",
     message:
         "lobes and functions of {wildcards.material}"
     script:
@@ -84,7 +85,6 @@ rule draw_summary:
     input:
         errors=expand("results/errors/{material}/images.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
-        source=sources("brdfatlas.figures.jobs"),
     output:
         report(
             "reports/assets/summary.svg",
@@ -100,9 +100,39 @@ rule draw_summary:
         mem_mb=600,
         runtime=5,
     params:
+        provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
         models=MODELS,
         entries=ENTRIES,
     message:
         "sorted errors of all models"
     script:
         "../scripts/draw_summary.py"
+
+
+# Where a listed picture is gone, its material's are drawn again, and nothing that is made of them.
+use rule draw_pictures as redraw_pictures with:
+    output:
+        listing=temp("results/redrawn/pictures/{material}.json"),
+    log:
+        "results/logs/redraw_pictures/{material}.log",
+    benchmark:
+        "results/benchmarks/redraw_pictures/{material}.tsv"
+
+
+use rule draw_figures as redraw_figures with:
+    output:
+        listing=temp("results/redrawn/figures/{material}.json"),
+    log:
+        "results/logs/redraw_figures/{material}.log",
+    benchmark:
+        "results/benchmarks/redraw_figures/{material}.tsv"
+
+
+def redrawn():
+    """What draws the listed pictures and figures that are gone."""
+    return [
+        f"results/redrawn/{kind}/{material}.json"
+        for kind in ("pictures", "figures")
+        for material in MATERIALS
+        if missing_files(f"results/{kind}/{material}.json", f"reports/materials/{material}")
+    ]

@@ -4,7 +4,6 @@
 rule fit_model:
     input:
         binary=binary_of,
-        source=model_sources,
     output:
         fit="results/fits/{material}/{model}.npz",
         report="results/fits/{material}/{model}.json",
@@ -14,9 +13,12 @@ rule fit_model:
         "results/benchmarks/fit_model/{material}/{model}.tsv"
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 1000 * attempt,
-        runtime=lambda wildcards, attempt: 20 * attempt,
+        mem_mb=1000,
+        runtime=20,
     params:
+        provenance=lambda wildcards: provenance(
+            ALL_ENTRIES[wildcards.model].module, "brdfatlas.pipeline.jobs", libraries=FITTING
+        ),
         entry=lambda wildcards: ALL_ENTRIES[wildcards.model].plain,
         seed=config["seed"],
         standin=lambda wildcards: wildcards.material in STANDINS,
@@ -29,8 +31,7 @@ rule fit_model:
 rule check_failures:
     input:
         reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
-        report="reports/index.html",
-        source=sources("brdfatlas.pipeline.jobs"),
+        report=ancient("reports/index.html"),
     output:
         "results/verdict.txt",
     log:
@@ -40,6 +41,8 @@ rule check_failures:
     resources:
         mem_mb=200,
         runtime=5,
+    params:
+        provenance=provenance("brdfatlas.pipeline.records"),
     message:
         "checking every fit for failure"
     script:

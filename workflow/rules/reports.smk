@@ -21,13 +21,13 @@ MODEL_TABLES = ["errors", "fits", "parameters"]
 # Rows of a texture are materials; where there are more than it has rows, there are several.
 FACTORED = [name for name in MODELS if has_row(ALL_ENTRIES[name].instance)]
 TEXTURE_PARTS = range(1, -(-len(MATERIALS) // HEIGHT) + 1)
+ASSET_FILES = expand("reports/assets/{asset}", asset=asset_names())
 RUN_TABLES = ["materials", "recommended", "models", "errors", "brdf", "fits", "parameters", "left_out"]
 
 
 rule write_fits:
     input:
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
-        source=sources("brdfatlas.reports.fit_files"),
     output:
         # Which files a fit has depends on the fit: a list stands for them.
         listing="results/fit_files/{material}.json",
@@ -37,9 +37,10 @@ rule write_fits:
         "results/benchmarks/write_fits/{material}.tsv"
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 400 * attempt,
+        mem_mb=400,
         runtime=5,
     params:
+        provenance=provenance("brdfatlas.reports.fit_files"),
         folder="reports/materials/{material}/fits",
     message:
         "fits of {wildcards.material} to take away"
@@ -57,10 +58,8 @@ rule write_material_page:
         figures="results/figures/{material}.json",
         files="results/fit_files/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
-        assets=expand("reports/assets/{asset}", asset=asset_names()),
+        assets=ancient(ASSET_FILES),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
     output:
         page="reports/materials/{material}.html",
         thumbnail="reports/materials/{material}/thumb.webp",
@@ -73,9 +72,10 @@ rule write_material_page:
         material="|".join(map(re.escape, MATERIALS)),
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 400 * attempt,
+        mem_mb=400,
         runtime=5,
     params:
+        provenance=provenance(SITE, files=TEMPLATES),
         pictures="reports/materials/{material}",
         data="reports/data",
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
@@ -95,9 +95,7 @@ rule write_model_pages:
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         pictures=expand("results/pictures/{material}.json", material=MATERIALS),
-        assets=expand("reports/assets/{asset}", asset=asset_names()),
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
+        assets=ancient(ASSET_FILES),
     output:
         pages=expand("reports/models/{model}.html", model=MODELS),
         tables=expand("reports/data/models/{model}/{table}.tsv", model=MODELS, table=MODEL_TABLES),
@@ -106,9 +104,10 @@ rule write_model_pages:
     benchmark:
         "results/benchmarks/write_model_pages.tsv"
     resources:
-        mem_mb=lambda wildcards, attempt: 600 * attempt,
+        mem_mb=600,
         runtime=10,
     params:
+        provenance=provenance(SITE, files=TEMPLATES),
         folder=lambda wildcards, output: str(Path(output.pages[0]).parent),
         files=RUN_FILES,
         pictures="reports/materials",
@@ -128,12 +127,11 @@ rule write_index:
         record="results/run.json",
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
-        pages=expand("reports/materials/{material}.html", material=MATERIALS),
-        models=expand("reports/models/{model}.html", model=MODELS),
-        compare="reports/compare.html",
-        viewer="reports/viewer.html",
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
+        # The index comes out last; it only links to these.
+        pages=ancient(expand("reports/materials/{material}.html", material=MATERIALS)),
+        models=ancient(expand("reports/models/{model}.html", model=MODELS)),
+        compare=ancient("reports/compare.html"),
+        viewer=ancient("reports/viewer.html"),
     output:
         page="reports/index.html",
         script="reports/data/atlas.js",
@@ -149,9 +147,10 @@ rule write_index:
     benchmark:
         "results/benchmarks/write_index.tsv"
     resources:
-        mem_mb=lambda wildcards, attempt: 600 * attempt,
+        mem_mb=600,
         runtime=10,
     params:
+        provenance=provenance(SITE, files=TEMPLATES),
         files=RUN_FILES,
         data=lambda wildcards, output: str(Path(output.script).parent),
         models=MODELS,
@@ -165,12 +164,8 @@ rule write_index:
 
 
 rule write_assets:
-    input:
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
-        assets=beside_site("assets"),
     output:
-        assets=expand("reports/assets/{asset}", asset=asset_names()),
+        assets=ASSET_FILES,
         compare="reports/compare.html",
     log:
         "results/logs/write_assets.log",
@@ -181,6 +176,7 @@ rule write_assets:
         mem_mb=300,
         runtime=5,
     params:
+        provenance=provenance(SITE, files=(*TEMPLATES, "reports/assets/*")),
         folder=lambda wildcards, output: str(Path(output.assets[0]).parent),
         links=LINKS,
     message:
@@ -199,8 +195,6 @@ rule typeset_material:
         figures="results/figures/{material}.json",
         bars="reports/assets/bar-de00.svg",
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
-        source=sources(PDF),
-        templates=beside_site("templates", ".typ"),
     output:
         "results/pdf/{material}.pdf",
     log:
@@ -209,9 +203,10 @@ rule typeset_material:
         "results/benchmarks/typeset_material/{material}.tsv"
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 500 * attempt,
+        mem_mb=500,
         runtime=5,
     params:
+        provenance=provenance(PDF, files=("reports/templates/*.typ",), libraries=("typst", "pypdf")),
         pictures="reports/materials/{material}",
         assets=lambda wildcards, input: str(Path(input.bars).parent),
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
@@ -230,8 +225,6 @@ rule write_supplement:
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         parts=expand("results/pdf/{material}.pdf", material=MATERIALS),
-        source=sources(PDF),
-        templates=beside_site("templates", ".typ"),
     output:
         report(
             "reports/supplement.pdf",
@@ -244,9 +237,10 @@ rule write_supplement:
     benchmark:
         "results/benchmarks/write_supplement.tsv"
     resources:
-        mem_mb=lambda wildcards, attempt: 1000 * attempt,
+        mem_mb=1000,
         runtime=10,
     params:
+        provenance=provenance(PDF, files=("reports/templates/*.typ",), libraries=("typst", "pypdf")),
         number=len(MATERIALS),
         files=RUN_FILES,
         models=MODELS,
@@ -262,7 +256,6 @@ rule write_uber_texture:
     input:
         fits=lambda wildcards: expand("results/fits/{material}/{{model}}.npz", material=texture_rows(wildcards)),
         reports=lambda wildcards: expand("results/fits/{material}/{{model}}.json", material=texture_rows(wildcards)),
-        source=sources("brdfatlas.export.uber_texture"),
     output:
         "reports/data/models/{model}/uber-texture-{part}.exr",
     log:
@@ -274,6 +267,8 @@ rule write_uber_texture:
     resources:
         mem_mb=400,
         runtime=5,
+    params:
+        provenance=provenance("brdfatlas.export.uber_texture", libraries=("numpy",)),
     message:
         "texture of the factors of {wildcards.model}"
     script:
@@ -287,8 +282,6 @@ rule write_viewer:
         reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         scenes=expand("results/scenes/{scene}.npz", scene=SCENES),
-        source=sources("brdfatlas.reports.viewer"),
-        templates=beside_site("templates", ".j2"),
     output:
         page="reports/viewer.html",
         script="reports/data/viewer.js",
@@ -297,9 +290,10 @@ rule write_viewer:
     benchmark:
         "results/benchmarks/write_viewer.tsv"
     resources:
-        mem_mb=lambda wildcards, attempt: 800 * attempt,
+        mem_mb=800,
         runtime=10,
     params:
+        provenance=provenance("brdfatlas.reports.viewer", files=TEMPLATES),
         data=lambda wildcards, output: str(Path(output.script).parent),
         fits=[(model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
         materials={material: f"results/materials/{material}.json" for material in MATERIALS},
@@ -311,3 +305,19 @@ rule write_viewer:
         "interactive viewer of the factor fits"
     script:
         "../scripts/write_viewer.py"
+
+
+# Everything in reports/.
+REPORT = [
+    *expand(rules.draw_pictures.output, material=MATERIALS),
+    *expand(rules.draw_figures.output, material=MATERIALS),
+    *rules.draw_bars.output,
+    *rules.draw_summary.output,
+    *rules.write_assets.output,
+    *expand(rules.write_material_page.output, material=MATERIALS),
+    *rules.write_model_pages.output,
+    *expand(rules.write_uber_texture.output, model=FACTORED, part=TEXTURE_PARTS),
+    *rules.write_viewer.output,
+    *rules.write_index.output,
+    *(rules.write_supplement.output if config["pdf"] else []),
+]

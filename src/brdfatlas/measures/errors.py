@@ -26,7 +26,7 @@ import pandas as pd
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.measured import Measured, fold, read_merl
 from brdfatlas.measures.tsv import write_tsv
 from brdfatlas.objectives import compressive_weights, cosine_weighted, loew_e2, log_deviation, relative_objective
 from brdfatlas.rendering.images import Render, load_render, tone_map
@@ -309,7 +309,7 @@ def material_brdf_errors(measured: Measured, models: Sequence[str], folder: str 
     for model in models:
         row: dict[str, object] = {"material": measured.name, "model": model}
         if read_json(Path(folder) / f"{model}.json")["status"] == "ok":
-            row |= brdf_errors(load_fit(Path(folder) / f"{model}.npz").table(), measured.table, weights)
+            row |= brdf_errors(fold(load_fit(Path(folder) / f"{model}.npz").table()), measured.table, weights)
         rows.append(row)
     return pd.DataFrame(rows, columns=["material", "model", *BRDF_MEASURES])
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable
+from pathlib import Path
 
 import pandas as pd
 
@@ -32,9 +33,12 @@ def write_tsv(path: str | os.PathLike, table: pd.DataFrame, *, digits: int = 6) 
 def read_tsv(paths: Iterable[str | os.PathLike] | str | os.PathLike) -> pd.DataFrame:
     """One table from the files that :func:`write_tsv` wrote; columns of TEXT_COLUMNS stay text, others are numbers.
 
-    An empty cell among numbers is NaN. ValueError for a word there.
+    An empty cell among numbers is NaN. ValueError for a word there, and for a file that was cut off.
     """
     files = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    for path in files:
+        if not Path(path).read_bytes().endswith(b"\n"):
+            raise ValueError(f"{path}: cut off, the last line has no end")
     tables = [pd.read_csv(path, sep="\t", dtype=str, na_filter=False) for path in files]
     table = pd.concat(tables, ignore_index=True)
     numbers = [name for name in table.columns if name not in TEXT_COLUMNS]

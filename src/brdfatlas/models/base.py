@@ -159,7 +159,8 @@ class Model(ABC):
     options: ClassVar[Mapping[str, Option]] = {}
     #: "" for a model as published; else what it is instead: "reconstruction: ..." or "ours: ...". Reports show it.
     status: ClassVar[str] = ""
-    #: False for the few published models that are not reciprocal; reports flag them.
+    #: False for the few published models that are not reciprocal: they are rendered and judged on the full circle of
+    #: phi_d, and reports flag them.
     reciprocal: ClassVar[bool] = True
     #: True where the material chooses how many numbers a fit has; ``parameters`` then states the most common size.
     variable_size: ClassVar[bool] = False
@@ -180,7 +181,8 @@ class Model(ABC):
 
     @abstractmethod
     def evaluate(self, parameters: Parameters, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        """rgb (..., 3) in 1/sr, without the cosine, at unit vectors (..., 3) above the surface."""
+        """rgb (..., 3) in 1/sr, without the cosine, at unit vectors (..., 3) above the surface: ``wi`` towards the
+        light, ``wo`` towards the viewer. Turned about the normal or mirrored, two directions have the same value."""
 
     def evaluate_grid(self, parameters: Parameters) -> np.ndarray:
         """The model at every cell centre of the MERL grid, (90, 90, 180, 3) float32; cells below the horizon may

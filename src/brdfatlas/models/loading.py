@@ -33,6 +33,12 @@ BUILTIN = {
     "bivariate": "brdfatlas.models.bagher2016.bivariate",
     "bivariate_g": "brdfatlas.models.bagher2016.bivariate_g",
     "low_rank": "brdfatlas.models.bagher2016.low_rank",
+    "lambert": "brdfatlas.models.engine.lambert",
+    "ggx_diffuse": "brdfatlas.models.engine.ggx_diffuse",
+    "ggx2_diffuse": "brdfatlas.models.engine.ggx2_diffuse",
+    "gltf": "brdfatlas.models.engine.gltf",
+    "principled": "brdfatlas.models.engine.principled",
+    "openpbr": "brdfatlas.models.engine.openpbr",
 }
 #: The group of entry points by which an installed package offers models, name = "package.module:Class".
 GROUP = "brdfatlas.models"
