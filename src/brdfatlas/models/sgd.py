@@ -23,9 +23,10 @@ import numpy as np
 from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, grid_cosines, half_difference, theta_d_centres, theta_h_centres
+from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result
-from brdfatlas.objectives import least_squares_weights
+from brdfatlas.objectives import e2_weights, least_squares_weights
 from brdfatlas.solvers.least_squares import Moments, NoFiniteStartError, Solution, fit_separable, latin_starts
 
 #: F stays below this at any angle: the least share of (1 - cos)^5 in every Fresnel term is its inverse.
@@ -36,13 +37,6 @@ N_HALF = GRID_SHAPE[2] // 2
 #: How many neighbouring phi_d are taken together while starts are tried.
 GROUP = 10
 QUADRATURE = np.polynomial.legendre.leggauss(64)
-OBJECTIVE_NAMES = {
-    "compressive": "compressive (Bagher 2016), relative, rgb averaged",
-    "cosine": "cosine-weighted root mean square (Ngan 2005)",
-    "e2": "E2 (Löw 2012)",
-}
-#: Löw et al. 2012 sum E2 over theta_h and theta_d up to here.
-E2_ANGLE = np.deg2rad(80.0)
 
 
 class SGD(Model):
@@ -399,14 +393,12 @@ def _fit_channel_e2(rho: np.ndarray, n_starts: int, seed: int) -> Solution:
     which leaves a weighted sum of squares with a moved target; first about the material, from many starts. A step that
     does not lower E2 is not taken. Where none does, the gradients of both agree and the fit has converged."""
     theta_h, theta_d = theta_h_centres(), theta_d_centres()
-    keep = (theta_h[:, None, None] <= E2_ANGLE) & (theta_d[:, None] <= E2_ANGLE) & ~np.isnan(rho)
-    count = int(keep.sum())
-    if count == 0:
-        raise ValueError("no valid sample with theta_h and theta_d within 80 degrees")
+    share = e2_weights(~np.isnan(rho))
+    keep = share > 0
     cosine = np.where(keep, np.maximum(grid_cosines()[0], 0), 0).astype(float)
     measured = np.where(keep, rho, 0).astype(float)
     wanted = np.log1p(measured * cosine)
-    solution = _fit_channel((cosine / (1 + measured * cosine)) ** 2, measured, n_starts, seed)
+    solution = _fit_channel(share * (cosine / (1 + measured * cosine)) ** 2, measured, n_starts, seed)
     best, tried, history, settled = solution, solution.starts, [], False
     table = np.empty((*GRID_SHAPE, 1))
     for _ in range(30):
@@ -424,7 +416,7 @@ def _fit_channel_e2(rho: np.ndarray, n_starts: int, seed: int) -> Solution:
         )
         f = np.where(keep, table[..., 0], 0)
         residual = np.log1p(f * cosine) - wanted
-        value = float((residual**2).sum() / count)
+        value = float(np.vdot(share, residual**2))
         settled = bool(history) and value >= history[-1] * (1 - 1e-6)
         if not history or value < history[-1]:
             history.append(value)
@@ -434,7 +426,14 @@ def _fit_channel_e2(rho: np.ndarray, n_starts: int, seed: int) -> Solution:
         slope = np.where(keep, cosine / (1 + f * cosine), 0)
         target = f - np.where(keep, residual / np.where(keep, slope, 1), 0)
         solution = fit_separable(
-            _channel(slope**2, target), solution.x, LOWER, UPPER, linear=4, follow=1, max_iterations=20, tolerance=1e-7
+            _channel(share * slope**2, target),
+            solution.x,
+            LOWER,
+            UPPER,
+            linear=4,
+            follow=1,
+            max_iterations=20,
+            tolerance=1e-7,
         )
     return replace(
         best,
