@@ -148,6 +148,9 @@ class Model(ABC):
     status: ClassVar[str] = ""
     #: False for the few published models that are not reciprocal; reports flag them.
     reciprocal: ClassVar[bool] = True
+    #: parameter -> (its name in the public collection of fits, "Node.key" or "Node.key.index", factor on its values);
+    #: empty for a model that is not in it (:mod:`.given`).
+    public_names: ClassVar[Mapping[str, tuple[str, Any]]] = {}
     #: True where options or the material choose how many numbers a fit has; ``parameters`` then states the default.
     variable_size: ClassVar[bool] = False
 

@@ -65,6 +65,15 @@ class SGD(Model):
         Parameter("F0", (3,), "constant part of the Fresnel term, rgb", "", 0.0, MAX_FRESNEL),
         Parameter("F1", (3,), "part of the Fresnel term with cos theta_d, rgb", "", -MAX_FRESNEL, MAX_FRESNEL),
     )
+    #: theta0, c, k, lambda are left: they approximate the Smith G1 of D, which is what is evaluated here
+    public_names: ClassVar[Mapping[str, tuple[str, float]]] = {
+        "rho_d": ("Lambertian.albedo", 1.0),
+        "rho_s": ("Bagher.albedo", 1.0),
+        "alpha": ("Bagher.alpha", 1.0),
+        "p": ("Bagher.p", 1.0),
+        "F0": ("Bagher.eta.0", 1.0),
+        "F1": ("Bagher.eta.1", 1.0),
+    }
     options: ClassVar[Mapping[str, Option]] = {
         "objective": Option(
             "compressive",
