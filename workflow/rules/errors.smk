@@ -30,6 +30,7 @@ rule measure_errors:
             labels={"what": "image errors of every model"},
         ),
         brdf="results/errors/{material}.brdf.tsv",
+        pairs="results/errors/{material}.pairs.tsv",
     log:
         "results/logs/measure_errors/{material}.log",
     benchmark:
@@ -55,6 +56,7 @@ rule tabulate_errors:
     input:
         errors=expand("results/errors/{material}.tsv", material=MATERIALS),
         brdf=expand("results/errors/{material}.brdf.tsv", material=MATERIALS),
+        pairs=expand("results/errors/{material}.pairs.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
         source=sources("brdfatlas.measures.tables"),

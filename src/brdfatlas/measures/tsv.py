@@ -13,6 +13,7 @@ TEXT_COLUMNS = (
     "model",
     "variant",
     "other",
+    "measure",
     "scene",
     "status",
     "reason",

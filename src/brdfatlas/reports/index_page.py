@@ -132,7 +132,7 @@ def model_rows(facts: Sequence[ModelFacts], errors: pd.DataFrame, fits: pd.DataF
     """
     scores = score_models(errors)
     names = [item.name for item in facts]
-    wins = best_rows(errors, names)["model"].value_counts()
+    wins = best_rows(errors, names, measure="psnr_db")["model"].value_counts()
     missing = count_missing(errors, names)
     rows = []
     for item in [*facts, None]:
@@ -334,7 +334,7 @@ def atlas_script(materials: Sequence[Material], models: Sequence[ModelFacts], sc
         "best": sorted(
             (scene_place[row.scene] * len(materials) + j) * len(names) + model_place[row.model]
             for j, material in enumerate(materials)
-            for row in best_rows(material.errors, names[:-1]).itertuples()
+            for row in best_rows(material.errors, names[:-1], measure="psnr_db").itertuples()
             if row.scene in scene_place
         ),
         "reasons": reasons,
