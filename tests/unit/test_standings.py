@@ -30,6 +30,7 @@ def made_up(psnr: dict[str, tuple[float, float]]) -> pd.DataFrame:
             row = dict.fromkeys(IMAGE_MEASURES, 30.0 - value / 10 if np.isfinite(value) else value)
             status = "failed" if np.isnan(value) else "ok"
             row |= {"psnr_db": value, "psnr_se_db": 0.1, "status": status}
+            row |= {"de00_mean": 1000 * 10 ** (-value / 20), "de00_se": 0.0}  # one dB is one dB
             rows.append({"material": material, "model": model, "scene": "room"} | row)
     return pd.DataFrame(rows)
 
@@ -88,7 +89,8 @@ def test_every_scene_has_its_own_order():
     found = scene_rows(summary, MODELS)
     assert found["names"] == ["room", "hall"]
     rows = {row["model"]: row["cells"] for row in found["rows"]}
-    assert [cell["value"] for cell in rows["tabulated"]] == [25.5, 24, 24.75]
+    room = (1000 * 10**-2.0 + 1000 * 10**-2.5) / 2
+    assert [cell["value"] for cell in rows["tabulated"]] == pytest.approx([room, 1, (room + 1) / 2])
     assert [cell["best"] for cell in rows["tabulated"]] == [False, True, True]
     assert [cell["best"] for cell in rows["ggx"]] == [True, False, False]
     assert not any(cell["best"] for cell in rows["reference_again"])

@@ -124,8 +124,8 @@ def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, A
 
 def duel_rows(wins: pd.DataFrame, models: Sequence[str], measure: str = LEADING) -> dict[str, Any]:
     """Every model against every other over all materials in a measure: {"names": [...], "rows": [(name, cells)]}; a
-    cell is None on the diagonal, else wins, ties, losses, their balance in [-1, 1], the mean difference, its standard error over
-    materials and whether the difference is told apart from 0 by it."""
+    cell is None on the diagonal, else wins, ties, losses, their balance in [-1, 1], the mean difference, its standard
+    error over materials and whether the difference is told apart from 0 by it."""
     found = wins[(wins["class"] == "all") & (wins["measure"] == measure)].set_index(["model", "other"])
     names = [name for name in models if name in found.index.get_level_values(0)]
     rows = []
