@@ -39,7 +39,6 @@ from brdfatlas.fits import load_fit
 from brdfatlas.measured import Measured, read_merl
 from brdfatlas.measures.ranking import RANKED
 from brdfatlas.measures.tsv import write_tsv
-from brdfatlas.models import MODELS
 from brdfatlas.objectives import compressive_weights, cosine_weighted, loew_e2, log_deviation, relative_objective
 from brdfatlas.rendering.images import Render, load_render, tone_map
 
@@ -137,7 +136,7 @@ def jackknife_error(without: np.ndarray) -> float:
     return float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
 
 
-def told_apart(value: float, spread: float) -> tuple[float, bool]:
+def above_noise(value: float, spread: float) -> tuple[float, bool]:
     """An estimate of an MSE and True; where it is below DETECTION standard errors, so that zero explains it as well,
     the upper bound max(value, 0) + DETECTION spread and False."""
     if value > DETECTION * spread:
@@ -194,8 +193,8 @@ def _linear(reference: LinearReference, image: Render, unbiased: bool) -> Linear
     relative, relative_without = mean_squared_error(_products(difference), unbiased=unbiased)
     seen = True
     if unbiased and n > 2:
-        value, seen = told_apart(value, jackknife_error(without))
-        relative, _ = told_apart(relative, jackknife_error(relative_without))
+        value, seen = above_noise(value, jackknife_error(without))
+        relative, _ = above_noise(relative, jackknife_error(relative_without))
     elif value <= 0:
         raise ValueError("two batches are too few to bound an error below the noise; render at least three")
     in_db = 20 * np.log10(reference.peaks) - 10 / np.log(10) * without / value
@@ -482,7 +481,6 @@ def errors_job(
     material: str,
     binary: str | os.PathLike,
     models: Sequence[str],
-    model_files: Mapping[str, str],
     tones: Mapping[str, Sequence[float]],
     renders: str | os.PathLike,
     fits: str | os.PathLike,
@@ -493,10 +491,8 @@ def errors_job(
     """Write the tables of one material: those of :func:`material_errors`, the second if ``pairs_path`` is given, and
     that of :func:`material_brdf_errors`.
 
-    ``model_files``: name -> path of models outside the package; ``tones``: scene -> (exposure, gamma).
+    ``tones``: scene -> (exposure, gamma).
     """
-    for name, path in model_files.items():
-        MODELS.register_file(name, path)
     images, pairs = material_errors(material, models, {name: Tone(*tone) for name, tone in tones.items()}, renders)
     brdf = material_brdf_errors(read_merl(binary), models, fits)
     write_tsv(images_path, images)

@@ -90,7 +90,7 @@ def best_rows(
     errors: pd.DataFrame, models: Sequence[str], *, measure: str, pairs: pd.DataFrame | None = None
 ) -> pd.DataFrame:
     """Rows of the models that are best on a picture (material, scene) by ``measure``, a key of :data:`RANKED`: the best
-    value, and all not told apart from it. ``pairs``: rows of results/errors/*.pairs.tsv."""
+    value, and all not told apart from it. ``pairs``: rows of results/errors/*/pairs.tsv."""
     ranked = RANKED[measure]
     rows = judged(errors, models, measure).reset_index(drop=True)
     if rows.empty:
