@@ -9,6 +9,9 @@ rule write_standings:
         tables=expand("results/tables/{table}.tsv", table=STANDINGS_TABLES),
         summary="reports/assets/summary.svg",
         models=ancient(expand("reports/models/{model}.html", model=MODELS)),
+        run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
+        fits=[path for files in RUN_FILES.values() for path in files["fits"]],
+        statistics="config/published/fitting_statistics.csv",
     output:
         page="reports/standings.html",
         tables=expand("reports/data/{table}.tsv", table=STANDINGS_TABLES),
@@ -20,6 +23,7 @@ rule write_standings:
         mem_mb=400,
         runtime=5,
     params:
+        files=RUN_FILES,
         provenance=provenance(STANDINGS, files=TEMPLATES),
         models=MODELS,
         entries=ENTRIES,
@@ -46,6 +50,7 @@ rule record_reports:
         mem_mb=300,
         runtime=5,
     params:
+        files=RUN_FILES,
         provenance=provenance("brdfatlas.pipeline.leftovers"),
         listings={
             f"results/{kind}/{material}.json": f"reports/materials/{material}"

@@ -14,6 +14,7 @@ TEXT_COLUMNS = (
     "model",
     "variant",
     "other",
+    "measure",
     "scene",
     "status",
     "reason",
