@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from brdfatlas.measured import FILE_BYTES, write_merl
+from brdfatlas.formats.merl import FILE_BYTES, write_merl
 from brdfatlas.pipeline.configuration import (
     ConfigError,
     check,

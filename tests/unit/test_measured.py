@@ -5,19 +5,10 @@ import os
 import numpy as np
 import pytest
 
+from brdfatlas import read_merl
 from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes, half_difference
-from brdfatlas.measured import (
-    FILE_BYTES,
-    HEADER_BYTES,
-    N_CELLS,
-    SCALE,
-    MeasuredError,
-    extend,
-    extension_index,
-    look_up,
-    read_merl,
-    write_merl,
-)
+from brdfatlas.formats.merl import FILE_BYTES, HEADER_BYTES, SCALE, write_merl
+from brdfatlas.measured import N_CELLS, MeasuredError, extend, extension_index, look_up
 
 
 @pytest.fixture(scope="module")

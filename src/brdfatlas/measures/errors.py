@@ -25,7 +25,8 @@ import pandas as pd
 
 from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured
 from brdfatlas.measures.tsv import write_tsv
 from brdfatlas.models import MODELS
 from brdfatlas.objectives import compressive_weights, cosine_weighted, loew_e2, log_deviation, relative_objective
@@ -334,6 +335,6 @@ def errors_job(
     for name, path in model_files.items():
         MODELS.register_file(name, path)
     images = material_errors(material, models, {scene: Tone(*tone) for scene, tone in tones.items()}, renders)
-    brdf = material_brdf_errors(read_merl(binary), models, fits)
+    brdf = material_brdf_errors(read(binary), models, fits)
     write_tsv(images_path, images)
     write_tsv(brdf_path, brdf.assign(material=material))

@@ -18,7 +18,8 @@ from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
 from brdfatlas.files import write_json
 from brdfatlas.fits import Fit, fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured
 from brdfatlas.measures.diffuseness import diffuseness, material_class
 from brdfatlas.measures.physics import directional_albedo, physics_checks
 from brdfatlas.models import MODELS
@@ -52,7 +53,7 @@ def describe_material(measured: Measured) -> dict[str, Any]:
 def describe_material_job(binary: str, standin: bool, output: str) -> None:
     """Write the description of one material."""
     digest = hashlib.sha256(Path(binary).read_bytes()).hexdigest()
-    write_json(output, describe_material(read_merl(binary, standin=standin)) | {"sha256": digest})
+    write_json(output, describe_material(read(binary, standin=standin)) | {"sha256": digest})
 
 
 def describe_fit(fitted: Fit, measured: Measured) -> dict[str, Any]:
@@ -95,7 +96,7 @@ def fit_job(
     """
     if source:
         MODELS.register_file(model, source)
-    measured = read_merl(binary, standin=standin)
+    measured = read(binary, standin=standin)
     start = time.perf_counter()
     try:
         fitted = fit(model, measured, seed=seed, **options)

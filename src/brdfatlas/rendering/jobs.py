@@ -13,7 +13,8 @@ import numpy as np
 
 from brdfatlas.files import read_json
 from brdfatlas.fits import Fit, is_fit_file, load_fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured
 from brdfatlas.rendering import use_variant
 from brdfatlas.rendering.images import ImageError, Render, load_render, read_meta, save_render
 from brdfatlas.rendering.scenes import (
@@ -138,7 +139,7 @@ def render_file(
         raise SceneError(f"{source}: no scene {scene!r}; it has {', '.join(definitions)}")
     check_settings(size, samples, batches)
     if isinstance(item, str | os.PathLike):
-        item = load_fit(item) if is_fit_file(item) else read_merl(item)
+        item = load_fit(item) if is_fit_file(item) else read(item)
     material = item.material if isinstance(item, Fit) else item.name
     model = item.model if isinstance(item, Fit) else "reference"
     if isinstance(item, Fit):
@@ -200,7 +201,7 @@ def render_job(
     configuration, and optionally ``scene_samples``, name -> samples or None. An output whose fingerprint is still right
     is kept. A failed fit gives black pictures with ``meta["status"] = "failed"``.
     """
-    measured = read_merl(binary, standin=standin)
+    measured = read(binary, standin=standin)
     failed = report is not None and read_json(report)["status"] != "ok"
     table = None if fit is None or failed else load_fit(fit).table()
     seed = settings["seed"] + (model == "reference_again") * 1_000_003
