@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 USER_FAULTS = (MeasuredError, FitError, ValueError, KeyError, ImportError, OSError)
 
 
-def load(path: str) -> Measured | Fit:
-    """A .binary or a fit, whatever the file is."""
-    return load_fit(path) if is_fit_file(path) else read(path)
+def load(path: str, source: str | None = None) -> Measured | Fit:
+    """A .binary or a fit, whatever the file is; ``source``: the file of a fit's model where it has moved."""
+    return load_fit(path, source) if is_fit_file(path) else read(path)
 
 
 def table_of(item: Measured | Fit) -> np.ndarray:
@@ -78,7 +78,7 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def info_command(args: argparse.Namespace) -> dict[str, Any]:
     """Valid cells, range, albedo of a file; or what is wrong with it (exit status 1)."""
-    from brdfatlas.pipeline.jobs import describe_material
+    from brdfatlas.pipeline.records import describe_material
 
     described = describe_material(read(args.file))
     if not args.json:
@@ -124,7 +124,7 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
     options = MODELS[args.model].check_options(parse_options(args.option))
     fitted = fit(args.model, read(args.file), seed=args.seed, **options)
     fitted.save(args.output)
-    report = {"model": fitted.model, "material": fitted.material, "output": args.output, **fitted.report}
+    report = {"model": fitted.entry, "material": fitted.material, "output": args.output, **fitted.report}
     if not args.json:
         state = "converged" if report["converged"] else f"did not converge ({report['message']})"
         print(
@@ -136,7 +136,7 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def table_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put a fit on the MERL grid, for any MERL reader."""
-    fitted = load_fit(args.fit)
+    fitted = load_fit(args.fit, args.source)
     write_merl(args.output, fitted.table(), standin=fitted.standin)
     if not args.json:
         print(f"{args.output}: {args.fit} on the MERL grid")
@@ -147,7 +147,7 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
     """BRDF-space measures of B against A, where both have values; A is the reference where a measure has one."""
     from brdfatlas.measures.errors import brdf_errors
 
-    reference, other = table_of(load(args.a)), table_of(load(args.b))
+    reference, other = (table_of(load(path, args.source)) for path in (args.a, args.b))
     measures = brdf_errors(other, np.where(np.isnan(other[..., :1]), np.nan, reference))
     if not args.json:
         for name, value in measures.items():
@@ -158,10 +158,10 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
 def export_command(args: argparse.Namespace) -> dict[str, Any]:
     """Write a fit, or its importance sampler, as JSON for other programs."""
     from brdfatlas.export.fit_json import export_json
-    from brdfatlas.sampling import export_sampler
+    from brdfatlas.export.sampler import export_sampler
 
     write, what = (export_sampler, "sampler") if args.sampler else (export_json, "fit")
-    write(load_fit(args.fit), args.output)
+    write(load_fit(args.fit, args.source), args.output)
     if not args.json:
         print(f"{args.output}: the {what} of {args.fit} as JSON")
     return {"fit": args.fit, "output": args.output, "what": what}
@@ -171,7 +171,7 @@ def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put the factors of up to 128 fits into one EXR texture for shaders."""
     from brdfatlas.export.uber_texture import build_uber_texture, save_uber_texture
 
-    texture = build_uber_texture([load_fit(path) for path in args.fits])
+    texture = build_uber_texture([load_fit(path, args.source) for path in args.fits])
     save_uber_texture(args.output, texture)
     if not args.json:
         print(f"{args.output}: {texture.model} of {len(texture.materials)} materials, a row each")
@@ -245,6 +245,9 @@ def parser() -> argparse.ArgumentParser:
             sub.add_argument("-o", "--output", required=True, metavar="OUT")
         return sub
 
+    def own_model(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument("--source", metavar="FILE.py", help="file with a model of your own; a fit remembers it")
+
     command("models", models_command)
     command("info", info_command).add_argument("file", metavar="FILE.binary")
     command("standin", standin_command, output=True).add_argument("material")
@@ -253,15 +256,21 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("file", metavar="FILE.binary")
     sub.add_argument("--seed", type=int, default=0)
     sub.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the model")
-    sub.add_argument("--source", metavar="FILE.py", help="file with a model of your own")
-    command("table", table_command, output=True).add_argument("fit", metavar="FIT")
+    own_model(sub)
+    sub = command("table", table_command, output=True)
+    sub.add_argument("fit", metavar="FIT")
+    own_model(sub)
     sub = command("export", export_command, output=True)
     sub.add_argument("fit", metavar="FIT")
     sub.add_argument("--sampler", action="store_true", help="the importance sampler of an analytic fit")
-    command("uber-texture", uber_texture_command, output=True).add_argument("fits", metavar="FIT", nargs="+")
+    own_model(sub)
+    sub = command("uber-texture", uber_texture_command, output=True)
+    sub.add_argument("fits", metavar="FIT", nargs="+")
+    own_model(sub)
     sub = command("compare", compare_command)
     sub.add_argument("a", metavar="A")
     sub.add_argument("b", metavar="B")
+    own_model(sub)
     sub = command("render", render_command, output=True)
     sub.add_argument("file", metavar="FILE_OR_FIT")
     sub.add_argument("--scene", default="studio_sphere")

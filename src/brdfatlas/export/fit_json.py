@@ -8,14 +8,13 @@ import numpy as np
 
 from brdfatlas.files import read_json, write_json
 from brdfatlas.fits import Fit
-from brdfatlas.models import MODELS
 
 FORMAT = "brdfatlas fit 1"
 
 
 def fit_as_json(fit: Fit) -> dict[str, Any]:
     """The fit as plain values. Numbers of float32 parameters are written with the digits that give them back."""
-    model = MODELS[fit.model]
+    model = fit.instance
     described = {parameter.name: parameter for parameter in model.parameters}
     parameters = {}
     for name, array in fit.parameters.items():
@@ -32,8 +31,10 @@ def fit_as_json(fit: Fit) -> dict[str, Any]:
     paper = model.paper
     return {
         "format": FORMAT,
+        "entry": fit.entry,
         "model": fit.model,
-        "title": model.title,
+        "source": fit.source,
+        "title": model.title_of(fit.options),
         "status": model.status or "as published",
         "formula": model.formula,
         "paper": {"authors": paper.authors, "title": paper.title, "venue": paper.venue, "year": paper.year,
@@ -67,6 +68,7 @@ def import_json(path: str | os.PathLike) -> Fit:
             name: np.array(item["values"], item["dtype"]).reshape(item["shape"])
             for name, item in value["parameters"].items()
         }
-        return Fit(value["model"], value["material"], parameters, value["options"], bool(value["standin"]))
+        labels = {"entry": value.get("entry") or "", "source": value.get("source")}
+        return Fit(value["model"], value["material"], parameters, value["options"], bool(value["standin"]), **labels)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"{path}: damaged ({type(error).__name__}: {error})") from None

@@ -60,12 +60,11 @@ def _header(path: str | os.PathLike) -> tuple[str, tuple[int, ...]]:
     size, header = size_of(path), read_bytes(path, HEADER_BYTES)
     if len(header) < HEADER_BYTES:
         raise MeasuredError(f"{path}: truncated, {size:,} of {FILE_BYTES:,} bytes")
-    for order, shape in _shapes(header).items():
-        if _usable(shape):
-            break
-    else:
-        shape = _shapes(header)["<"]
-        raise MeasuredError(f"{path}: wrong dimensions {shape}, a MERL file has {GRID_SHAPE}")
+    shapes = _shapes(header)
+    order = next((order for order in shapes if _usable(shapes[order])), None)
+    if order is None:
+        raise MeasuredError(f"{path}: wrong dimensions {shapes['<']}, a MERL file has {GRID_SHAPE}")
+    shape = shapes[order]
     expected = HEADER_BYTES + 24 * int(np.prod(shape, dtype=np.int64))
     if size != expected:
         fault = "truncated" if size < expected else "over-long"

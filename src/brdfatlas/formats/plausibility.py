@@ -30,9 +30,7 @@ def suspicions(table: np.ndarray) -> tuple[str, ...]:
     albedo, median, largest = float(mean_albedo(table).max()), float(np.median(values)), float(values.max())
     told = f"albedo {albedo:.3g}, median {median:.3g}, largest value {largest:.3g} 1/sr"
     if median > 100 or albedo > 100:
-        return (
-            f"values look unscaled ({told}): were MERL's factors (1, 1.15, 1.66)/1500 left out, or a unit mixed up?",
-        )
+        return (f"values look unscaled ({told}): were MERL's factors (1, 1.15, 1.66)/1500 left out?",)
     if largest < 1e-3 or albedo < 1e-3:
         return (f"values look scaled twice ({told}): were MERL's factors applied before the file was written?",)
     if albedo > 1.2:

@@ -274,9 +274,7 @@ def read(path: str | os.PathLike) -> Measured:
     values[there] = np.maximum(values[there], 0)
     table = np.full((*GRID_SHAPE, 3), np.nan, np.float32)
     table[wanted] = np.where(there[:, None], values, np.nan)
-    told = (
-        f"directions beyond {np.rad2deg(LAST_ANGLE):.0f} degrees are left out, the file's values there are extrapolated"
-    )
+    told = f"directions beyond {np.rad2deg(LAST_ANGLE):.0f} degrees are left out: values there are extrapolated"
     provenance = Provenance(
         format=TITLE,
         source="RGL material database (Dupuy and Jakob 2018)",
