@@ -11,7 +11,9 @@ import numpy as np
 
 import brdfatlas
 from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
-from brdfatlas.measured import Measured, MeasuredError, fold, read_merl, write_merl
+from brdfatlas.formats import read
+from brdfatlas.formats.merl import write_merl
+from brdfatlas.measured import Measured, MeasuredError, fold
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import FitError
 
@@ -24,7 +26,7 @@ USER_FAULTS = (MeasuredError, FitError, ValueError, KeyError, ImportError, OSErr
 
 def load(path: str, source: str | None = None) -> Measured | Fit:
     """A .binary or a fit, whatever the file is; ``source``: the file of a fit's model where it has moved."""
-    return load_fit(path, source) if is_fit_file(path) else read_merl(path)
+    return load_fit(path, source) if is_fit_file(path) else read(path)
 
 
 def table_of(item: Measured | Fit) -> np.ndarray:
@@ -78,7 +80,7 @@ def info_command(args: argparse.Namespace) -> dict[str, Any]:
     """Valid cells, range, albedo of a file; or what is wrong with it (exit status 1)."""
     from brdfatlas.pipeline.records import describe_material
 
-    described = describe_material(read_merl(args.file))
+    described = describe_material(read(args.file))
     if not args.json:
         low, high = described["range"]
         note = " (a stand-in)" if described["standin"] else ""
@@ -120,7 +122,7 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
     if args.source:
         MODELS.register_file(args.model, args.source)
     options = MODELS[args.model].check_options(parse_options(args.option))
-    fitted = fit(args.model, read_merl(args.file), seed=args.seed, **options)
+    fitted = fit(args.model, read(args.file), seed=args.seed, **options)
     fitted.save(args.output)
     report = {"model": fitted.entry, "material": fitted.material, "output": args.output, **fitted.report}
     if not args.json:

@@ -10,7 +10,7 @@ from brdfatlas.figures.lobes import plot_lobes
 from brdfatlas.figures.summary import plot_summary
 from brdfatlas.files import digests, read_json, write_json
 from brdfatlas.fits import Fit, load_fit
-from brdfatlas.measured import read_merl
+from brdfatlas.formats import read
 from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS
 
@@ -44,7 +44,7 @@ def figures_job(
     where a fit is a sum of products. Figures of an earlier run that this one does not draw are removed.
     """
     folder = Path(folder)
-    measured, loaded, titles = read_merl(binary), load_fits(models, fits), titles_of(models)
+    measured, loaded, titles = read(binary), load_fits(models, fits), titles_of(models)
     tables = {titles[name]: fit.table() for name, fit in loaded.items()}
     plot_lobes(measured.table, measured.valid, tables or {"reference, no fit": measured.table}, folder / "lobes.svg")
     drawn = {"lobes.svg"}

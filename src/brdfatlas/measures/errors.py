@@ -26,7 +26,8 @@ import pandas as pd
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
-from brdfatlas.measured import Measured, fold, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured, fold
 from brdfatlas.measures.tsv import write_tsv
 from brdfatlas.objectives import compressive_weights, cosine_weighted, loew_e2, log_deviation, relative_objective
 from brdfatlas.rendering.images import Render, load_render, tone_map
@@ -329,6 +330,6 @@ def errors_job(
     ``tones``: scene -> (exposure, gamma).
     """
     images = material_errors(material, models, {scene: Tone(*tone) for scene, tone in tones.items()}, renders)
-    brdf = material_brdf_errors(read_merl(binary), models, fits)
+    brdf = material_brdf_errors(read(binary), models, fits)
     write_tsv(images_path, images)
     write_tsv(brdf_path, brdf.assign(material=material))
