@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon, half_difference
+from brdfatlas.compiled import njit
 from brdfatlas.files import atomic_path
 
 N_CELLS = int(np.prod(GRID_SHAPE))

@@ -4,9 +4,9 @@ All weights are (90, 90, 180) or (90, 90, 180, 3) arrays; 0 marks a sample that 
 """
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import grid_cosines, pair_measure, slice_measure
+from brdfatlas.compiled import njit
 
 MAX_ANGLE = np.deg2rad(89.0)
 

@@ -16,7 +16,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from brdfatlas.models.base import Model
+from brdfatlas.models.base import FitError, Model
 
 #: name -> module; the order is that of tables and pages.
 BUILTIN = {
@@ -48,8 +48,9 @@ BUILTIN = {
 STATED = ("name", "title", "paper", "equations", "formula", "parameters")
 
 
-def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
-    classes = [
+def _classes(module) -> list[type[Model]]:
+    """The models that a module defines itself."""
+    return [
         item
         for item in vars(module).values()
         if inspect.isclass(item)
@@ -57,6 +58,10 @@ def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
         and not inspect.isabstract(item)
         and item.__module__ == module.__name__
     ]
+
+
+def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
+    classes = _classes(module)
     found = [item for item in classes if name is None or getattr(item, "name", None) == name]
     for item in found or classes:
         for attribute in STATED:
@@ -70,10 +75,13 @@ def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
 
 @contextmanager
 def _loading(origin: str, file: str = "") -> Iterator[None]:
-    """Any fault in the code of a model from outside as ImportError: one line, with the number of that in ``file``."""
+    """Any fault in the code of a model from outside as ImportError: one line, with the number of that in ``file``.
+
+    ``sys.exit`` is one of them: it would end the program with whatever status the model names.
+    """
     try:
         yield
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         if isinstance(error, SyntaxError) and error.filename == file:
             lines = [error.lineno]
@@ -82,18 +90,44 @@ def _loading(origin: str, file: str = "") -> Iterator[None]:
         raise ImportError(" ".join(f"{origin}: {place}{type(error).__name__}: {message}".split())) from error
 
 
-def load_model_file(path: str | Path, name: str | None = None) -> Model:
-    """The model in a Python file outside the package. ImportError names the file and what is wrong with it."""
-    path = Path(path)
+def _load_file(path: Path):
+    """The module in a Python file outside the package. ImportError names the file and what is wrong with it."""
     if not path.is_file():
-        raise ImportError(f"{path}: no such model file")
+        raise ImportError(f"{path}: {'not a regular file' if path.exists() else 'no such model file'}")
+    if path.suffix != ".py":
+        raise ImportError(f"{path}: a model's file ends in .py; rename it")
     spec = importlib.util.spec_from_file_location(f"brdfatlas_user_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     with _loading(str(path), str(spec.origin)):
         spec.loader.exec_module(module)
-    return _only_model(module, str(path), name)()
+    return module
+
+
+def load_model_file(path: str | Path, name: str | None = None) -> Model:
+    """The model in a Python file outside the package. ImportError names the file and what is wrong with it."""
+    module = _load_file(Path(path))
+    model = _only_model(module, str(path), name)
+    with _loading(str(path), module.__file__ or ""):
+        return model()
+
+
+@contextmanager
+def own_faults(model: Model, material: str) -> Iterator[None]:
+    """Any fault in the code of a model from outside as FitError: one line with its place in the model's file."""
+    file = getattr(getattr(model.fit, "__code__", None), "co_filename", "")
+    try:
+        yield
+    except (MemoryError, OSError, FitError):
+        raise
+    except (Exception, SystemExit) as error:
+        if type(model).__module__.startswith("brdfatlas."):
+            raise
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+        place = f"{file}: line {lines[-1]}: " if lines else ""
+        message = " ".join(f"{place}{type(error).__name__}: {error}".split())
+        raise FitError(f"{model.name} on {material}: {message}") from error
 
 
 #: Environment variable with a JSON object, name -> file of a model: a run tells every job it starts of its own models.
@@ -111,6 +145,14 @@ class Registry(Mapping[str, Model]):
     def register_file(self, name: str, path: str | Path) -> None:
         self._files[name] = Path(path)
         self._load.cache_clear()
+
+    def register_source(self, path: str | Path) -> None:
+        """Every model of a Python file, for this process. ImportError names the file and what is wrong with it."""
+        names = [getattr(model, "name", None) for model in _classes(_load_file(Path(path)))]
+        if not names:
+            raise ImportError(f"{path}: defines no Model class")
+        for name in filter(None, names):
+            self.register_file(name, path)
 
     def _external(self) -> dict[str, str]:
         return {point.name: point.value for point in entry_points(group="brdfatlas.models")}

@@ -195,6 +195,14 @@ class Model(ABC):
         """The parameters of a fit with these options. Override where an option chooses their shapes."""
         return self.parameters
 
+    def shape_fault(self, parameters: Parameters, options: Mapping[str, Any]) -> str:
+        """What is wrong with the shapes of a stored fit, in words; "" if nothing. A model of variable size overrides
+        it: compiled code trusts shapes."""
+        for parameter in () if self.variable_size else self.parameters_of(options):
+            if parameters[parameter.name].shape != parameter.shape:
+                return f"{parameter.name} has shape {parameters[parameter.name].shape}, not {parameter.shape}"
+        return ""
+
     def sampler(self, parameters: Parameters) -> Sampler | None:
         """The importance sampler of a fit, None for a model without a sampling procedure."""
         return None

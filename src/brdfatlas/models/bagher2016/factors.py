@@ -12,10 +12,10 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import distance_transform_edt
 
 from brdfatlas.angles import GRID_SHAPE, N_PHI_D, N_THETA_D, N_THETA_H, grid_axes, half_difference
+from brdfatlas.compiled import njit
 from brdfatlas.measured import Measured
 from brdfatlas.models.bagher2016.awls import (
     CLAMP,

@@ -1,5 +1,6 @@
 """Twenty rank-one terms of the logarithm of the BRDF (Bilgili et al. 2011), a reconstruction."""
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -96,6 +97,14 @@ class Tucker(Model):
             message=f"{terms} terms leave {relative[-1]:.2e} of the square",
             details={"history": relative.tolist(), "resolution": [*resolution, 1]},
         )
+
+    def shape_fault(self, parameters: Parameters, options: Mapping[str, Any]) -> str:
+        resolution = (*parse_resolution(options["resolution"], self.name), 1)
+        for parameter, nodes in zip(self.parameters, resolution):
+            shape = (3, options["terms"], nodes)
+            if parameters[parameter.name].shape != shape:
+                return f"{parameter.name} has shape {parameters[parameter.name].shape}, not {shape}"
+        return ""
 
     def evaluate(self, parameters: Parameters, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         coordinates = half_outgoing(wi, wo)
