@@ -48,14 +48,17 @@ class Fit:
         finite = (np.isfinite(wi) & np.isfinite(wo)).all(-1, keepdims=True)
         if not finite.all():  # compiled look-ups take directions as indices
             wi, wo = (np.where(finite, w, [0.0, 0.0, 1.0]) for w in (wi, wo))
-        with np.errstate(all="ignore"):
-            rgb = MODELS[self.model].evaluate(self.parameters, wi, wo)
+        model = MODELS[self.model]
+        with np.errstate(all="ignore"), own_faults(model, self.material):
+            rgb = model.evaluate(self.parameters, wi, wo)
         rgb = np.where(((wi[..., 2] > 0) & (wo[..., 2] > 0))[..., None], rgb, 0.0)
         return np.where(finite, rgb, np.nan)
 
     def table(self) -> np.ndarray:
         """The fit at the cell centres of the MERL grid, (90, 90, 180, 3) float32, NaN below the horizon."""
-        table = np.array(MODELS[self.model].evaluate_grid(self.parameters), np.float32, copy=True)
+        model = MODELS[self.model]
+        with own_faults(model, self.material):
+            table = np.array(model.evaluate_grid(self.parameters), np.float32, copy=True)
         table[~above_horizon()] = np.nan
         return table
 
