@@ -10,6 +10,8 @@ import numpy as np
 from brdfatlas.files import atomic_path
 
 _PREFIX = "brdfatlas:"
+#: A picture of 16,384 x 8,192; a header that states more lies.
+MOST_PIXELS = 2**27
 
 
 class ImageError(ValueError):
@@ -76,6 +78,10 @@ def _open(path: str | os.PathLike) -> tuple[dict, dict[str, np.ndarray]]:
     if not path.is_file():
         raise ImageError(f"{path}: {'not a regular file' if path.exists() else 'no such image'}")
     try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            (left, top), (right, bottom) = file.header()["dataWindow"]
+        if (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1) > MOST_PIXELS:
+            raise ValueError(f"more than {MOST_PIXELS:,} pixels")
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
             return dict(file.header()), channels

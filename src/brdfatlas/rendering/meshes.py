@@ -56,9 +56,8 @@ def read_mesh(path: str, key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
     except OSError as error:
         raise MeshError(f"{key}: {path}: cannot be read ({error.strerror or error})") from None
     except (ValueError, OverflowError) as error:
-        raise MeshError(
-            f"{key}: {path}: cannot be read, truncated or damaged ({' '.join(str(error).split())})"
-        ) from None
+        reason = " ".join(str(error).split())
+        raise MeshError(f"{key}: {path}: cannot be read, truncated or damaged ({reason})") from None
     try:
         return _mended(mesh)
     except ValueError as error:
