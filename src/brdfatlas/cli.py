@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 import brdfatlas
+from brdfatlas.angles import above_horizon
 from brdfatlas.files import ENDINGS, FileFault, check_output, check_regular, plain, shown
 from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
 from brdfatlas.measured import Measured, MeasuredError, read_merl, write_merl
@@ -43,9 +44,15 @@ def load(path: str) -> Measured | Fit:
     return load_fit(path) if is_fit_file(path) else read_merl(path)
 
 
-def table_of(item: Measured | Fit) -> np.ndarray:
-    """Its values on the MERL grid, NaN where there are none."""
-    return item.table() if isinstance(item, Fit) else item.table
+def table_of(item: Measured | Fit, path: str) -> np.ndarray:
+    """Its values on the MERL grid, NaN where there are none. ValueError for a fit that has none above the horizon."""
+    if isinstance(item, Measured):
+        return item.table
+    table = item.table()
+    bad = int((~np.isfinite(table[above_horizon()])).any(-1).sum())
+    if bad:
+        raise ValueError(f"{path}: NaN or Inf at {bad:,} cells above the horizon; fit again")
+    return table
 
 
 def check_input(path: str) -> None:
@@ -201,7 +208,7 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
 def table_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put a fit on the MERL grid, for any MERL reader."""
     fitted = load_fit(args.fit)
-    write_merl(args.output, fitted.table(), standin=fitted.standin)
+    write_merl(args.output, table_of(fitted, args.fit), standin=fitted.standin)
     if not args.json:
         say(f"{args.output}: {args.fit} on the MERL grid")
     return {"fit": args.fit, "output": args.output}
@@ -211,8 +218,11 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
     """BRDF-space measures of B against A, where both have values; A is the reference where a measure has one."""
     from brdfatlas.measures.errors import brdf_errors
 
-    reference, other = table_of(load(args.a)), table_of(load(args.b))
-    measures = brdf_errors(other, np.where(np.isnan(other[..., :1]), np.nan, reference))
+    reference, other = (table_of(load(path), path) for path in (args.a, args.b))
+    try:
+        measures = brdf_errors(other, np.where(np.isnan(other[..., :1]), np.nan, reference))
+    except ValueError as error:
+        raise ValueError(f"{args.a}, {args.b}: {error}; compare files that have values in common") from None
     if not args.json:
         for name, value in measures.items():
             print(f"{name:24} {value:.6g}")

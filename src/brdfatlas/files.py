@@ -79,6 +79,8 @@ def check_output(
     its folder is none or cannot be written to.
     """
     target, name = _target(path), shown(path)
+    if os.fspath(path).endswith(os.sep):
+        raise FileFault(f"{name}: the name of a folder; name a file in it")
     for item in inputs:
         if (os.path.exists(item) and os.path.realpath(item) == str(target)) or _same(item, target):
             raise FileFault(f"{name}: is an input of this command ({shown(item)}); name another output")

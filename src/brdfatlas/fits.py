@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from brdfatlas.angles import above_horizon
+from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.files import check_regular, plain, read_npz, shown, write_npz
 from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS, own_faults
-from brdfatlas.models.base import FitError, Model, Result
+from brdfatlas.models.base import FitError, Model, Result, numbers
 
 #: Most bytes that a fit may have: several times a table with a number of its own for every cell of the grid.
 MOST_BYTES = 2**28
@@ -50,7 +50,9 @@ class Fit:
             wi, wo = (np.where(finite, w, [0.0, 0.0, 1.0]) for w in (wi, wo))
         model = MODELS[self.model]
         with np.errstate(all="ignore"), own_faults(model, self.material):
-            rgb = model.evaluate(self.parameters, wi, wo)
+            rgb = numbers(model.evaluate(self.parameters, wi, wo))
+            if rgb.shape != wi.shape:
+                raise ValueError(f"evaluate gives shape {rgb.shape} for directions {wi.shape}")
         rgb = np.where(((wi[..., 2] > 0) & (wo[..., 2] > 0))[..., None], rgb, 0.0)
         return np.where(finite, rgb, np.nan)
 
@@ -58,7 +60,9 @@ class Fit:
         """The fit at the cell centres of the MERL grid, (90, 90, 180, 3) float32, NaN below the horizon."""
         model = MODELS[self.model]
         with own_faults(model, self.material):
-            table = np.array(model.evaluate_grid(self.parameters), np.float32, copy=True)
+            table = np.array(numbers(model.evaluate_grid(self.parameters)), np.float32, copy=True)
+            if table.shape != (*GRID_SHAPE, 3):
+                raise ValueError(f"evaluate_grid gives shape {table.shape}, not {(*GRID_SHAPE, 3)}")
         table[~above_horizon()] = np.nan
         return table
 

@@ -9,6 +9,8 @@ from typing import Any
 import jsonschema
 import yaml
 
+from brdfatlas.files import check_regular
+
 #: Names that become folders, wildcards and addresses: nothing that a shell, a path or a page could misread.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\Z")
 
@@ -20,11 +22,13 @@ class ConfigError(ValueError):
 def read_yaml(path: str | Path) -> Any:
     """Parse a YAML file. ConfigError names the file and the line of a syntax error."""
     try:
-        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        return yaml.safe_load(check_regular(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file") from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark else ""

@@ -134,6 +134,14 @@ class Result:
     details: dict[str, Any] = field(default_factory=dict)
 
 
+def numbers(values: Any) -> np.ndarray:
+    """What a model gives for values, if these are numbers: None would become NaN. ValueError if not."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"its values are {array.dtype}, not numbers")
+    return array
+
+
 class Model(ABC):
     """A reflectance model. A subclass states its class attributes and implements ``fit`` and ``evaluate``."""
 
@@ -177,7 +185,7 @@ class Model(ABC):
         for row in range(GRID_SHAPE[0]):
             wi, wo = directions(theta_h[row], theta_d[0], phi_d[0])
             with np.errstate(all="ignore"):
-                table[row] = self.evaluate(parameters, wi, wo)
+                table[row] = numbers(self.evaluate(parameters, wi, wo))
         return table
 
     # What a model may say of itself beside its values: code outside models/ asks these and never tests a name.

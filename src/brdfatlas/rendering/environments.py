@@ -225,7 +225,8 @@ def read_pfm(file: Path) -> np.ndarray:
     if len(data) - start < 4 * count:
         raise ValueError(f"truncated, {len(data):,} of {start + 4 * count:,} bytes")
     values = np.frombuffer(data, "<f4" if scale < 0 else ">f4", count, start).reshape(height, width, channels)
-    return np.repeat(values[::-1].astype(np.float32) * np.float32(abs(scale)), 3 // channels, -1)
+    with np.errstate(over="ignore"):  # infinity is told of by the caller
+        return np.repeat(values[::-1].astype(np.float32) * np.float32(abs(scale)), 3 // channels, -1)
 
 
 def read_rgbe(file: Path) -> np.ndarray:
