@@ -207,7 +207,7 @@ def test_the_package_works_where_compiled_code_cannot_be_kept():
     """numba without any place for its cache, as with a read-only package and home: one line, and a right answer."""
     code = (
         "import numba.core.caching as caching\n"
-        "for kind in (caching._CacheImpl, caching.CompileResultCacheImpl, caching.CodeLibraryCacheImpl):\n"
+        "for kind in (caching.CacheImpl, caching.CompileResultCacheImpl, caching.CodeLibraryCacheImpl):\n"
         "    kind._locator_classes = []\n"
         "import numpy as np, brdfatlas.measured as m\n"
         "print(m.look_up(np.ones((90, 90, 180, 3), np.float32), [0, 0, 1], [0, 0.6, 0.8]))"
