@@ -4,9 +4,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from brdfatlas.angles import N_THETA_D, N_THETA_H
 from brdfatlas.measured import Measured
-from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result
+from brdfatlas.models.base import Factors, FitError, Function, Model, Option, Paper, Parameter, Parameters, Result
 from brdfatlas.objectives import importance_weight
+from brdfatlas.sampling import Mixture, mixture
 
 
 class Lambertian(Model):
@@ -47,3 +49,19 @@ class Lambertian(Model):
     def evaluate(self, parameters: Parameters, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         shape = np.broadcast_shapes(np.shape(wi), np.shape(wo))
         return np.broadcast_to(parameters["albedo"] / np.pi, shape)
+
+    # What the model may say of itself beside its values: how it is sampled, what of it is drawn, its factors.
+
+    def sampler(self, parameters: Parameters) -> Mixture:
+        """The cosine; there is no other lobe."""
+        return mixture(float(parameters["albedo"].sum()), [], [])
+
+    def functions(self, parameters: Parameters) -> tuple[Function, ...]:
+        """The radiant exitance of a surface lit from one direction falls as the cosine of its angle."""
+        theta = np.linspace(0, np.pi / 2, 91)
+        return (Function("M", "theta", theta, np.outer(np.cos(theta), parameters["albedo"])),)
+
+    def factors(self, parameters: Parameters) -> Factors:
+        """A constant, and one product that is 0."""
+        nothing = np.zeros((3, 1, N_THETA_H)), np.zeros((3, 1, N_THETA_D))
+        return Factors(np.asarray(parameters["albedo"]) / np.pi, *nothing)

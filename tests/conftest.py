@@ -23,7 +23,6 @@ TINY = {
     "scenes": ["studio_sphere"],
     "render": {"size": 24, "samples": 8, "batches": 4},
     "pdf": False,
-    "ablation": {"materials": ["chrome"], "models": ["naive"], "variants": {"published": {}, "flat": {"power": 0}}},
 }
 
 

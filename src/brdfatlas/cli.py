@@ -38,10 +38,10 @@ def say(*lines: object) -> None:
     print("\n".join(shown(line) for line in lines))
 
 
-def load(path: str) -> Measured | Fit:
-    """A .binary or a fit, whatever the file is."""
+def load(path: str, source: str | None = None) -> Measured | Fit:
+    """A .binary or a fit, whatever the file is; ``source``: the file of a fit's model where it has moved."""
     check_input(path)
-    return load_fit(path) if is_fit_file(path) else read_merl(path)
+    return load_fit(path, source) if is_fit_file(path) else read_merl(path)
 
 
 def table_of(item: Measured | Fit, path: str) -> np.ndarray:
@@ -109,7 +109,7 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def info_command(args: argparse.Namespace) -> dict[str, Any]:
     """What a measured file or a fit holds: valid cells, range, albedo; model, parameters. Or what is wrong with it."""
-    from brdfatlas.pipeline.jobs import describe_material
+    from brdfatlas.pipeline.records import describe_material
 
     check_input(args.file)
     if is_fit_file(args.file):
@@ -131,8 +131,8 @@ def info_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def fit_info(args: argparse.Namespace) -> dict[str, Any]:
     """What a fit is: model, material, options, bytes, and those parameters that a person can read."""
-    fitted = load_fit(args.file)
-    model = MODELS[fitted.model]
+    fitted = load_fit(args.file, args.source)
+    model = fitted.instance
     small = {name: array for name, array in fitted.parameters.items() if array.size <= 24}
     if not args.json:
         note = " (a stand-in)" if fitted.standin else ""
@@ -195,7 +195,7 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
     options = MODELS[args.model].check_options(parse_options(args.option))
     fitted = fit(args.model, read_merl(args.file), seed=args.seed, **options)
     fitted.save(args.output)
-    report = {"model": fitted.model, "material": fitted.material, "output": args.output, **fitted.report}
+    report = {"model": fitted.entry, "material": fitted.material, "output": args.output, **fitted.report}
     if not args.json:
         state = "converged" if report["converged"] else f"did not converge ({report['message']})"
         say(
@@ -207,7 +207,7 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def table_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put a fit on the MERL grid, for any MERL reader."""
-    fitted = load_fit(args.fit)
+    fitted = load_fit(args.fit, args.source)
     write_merl(args.output, table_of(fitted, args.fit), standin=fitted.standin)
     if not args.json:
         say(f"{args.output}: {args.fit} on the MERL grid")
@@ -218,7 +218,7 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
     """BRDF-space measures of B against A, where both have values; A is the reference where a measure has one."""
     from brdfatlas.measures.errors import brdf_errors
 
-    reference, other = (table_of(load(path), path) for path in (args.a, args.b))
+    reference, other = (table_of(load(path, args.source), path) for path in (args.a, args.b))
     try:
         measures = brdf_errors(other, np.where(np.isnan(other[..., :1]), np.nan, reference))
     except ValueError as error:
@@ -232,10 +232,10 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
 def export_command(args: argparse.Namespace) -> dict[str, Any]:
     """Write a fit, or its importance sampler, as JSON for other programs."""
     from brdfatlas.export.fit_json import export_json
-    from brdfatlas.sampling import export_sampler
+    from brdfatlas.export.sampler import export_sampler
 
     write, what = (export_sampler, "sampler") if args.sampler else (export_json, "fit")
-    write(load_fit(args.fit), args.output)
+    write(load_fit(args.fit, args.source), args.output)
     if not args.json:
         say(f"{args.output}: the {what} of {args.fit} as JSON")
     return {"fit": args.fit, "output": args.output, "what": what}
@@ -245,7 +245,7 @@ def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put the factors of up to 128 fits into one EXR texture for shaders."""
     from brdfatlas.export.uber_texture import build_uber_texture, save_uber_texture
 
-    texture = build_uber_texture([load_fit(path) for path in args.fits])
+    texture = build_uber_texture([load_fit(path, args.source) for path in args.fits])
     save_uber_texture(args.output, texture)
     if not args.json:
         say(f"{args.output}: {texture.model} of {len(texture.materials)} materials, a row each")
@@ -257,10 +257,9 @@ def render_command(args: argparse.Namespace) -> dict[str, Any]:
     from brdfatlas.rendering.images import save_picture
     from brdfatlas.rendering.jobs import render_file
 
-    check_input(args.file)
     check_output(args.output, "picture", scene_files(args.scene, args.scenes), force=True)
     render = render_file(
-        args.file,
+        load(args.file, args.source),
         args.scene,
         samples=args.spp,
         size=args.size,
@@ -388,7 +387,7 @@ def parser() -> argparse.ArgumentParser:
                 "--force", action="store_true", help="replace an existing file that brdfatlas did not write"
             )
         if source:
-            sub.add_argument("--source", metavar="FILE.py", help="file with a model of your own")
+            sub.add_argument("--source", metavar="FILE.py", help="file with a model of your own; a fit remembers it")
         return sub
 
     command("models", models_command)
@@ -434,7 +433,7 @@ def add_render(sub: argparse.ArgumentParser) -> None:
 
 
 def check_arguments(args: argparse.Namespace) -> None:
-    """Refuse an output that would destroy an input or a file of another kind; know the models of ``--source``."""
+    """Refuse an output that would destroy an input or a file of another kind."""
     output = getattr(args, "output", None)
     given = [getattr(args, name, None) or [] for name in args.reads]
     inputs = [path for value in given for path in ([value] if isinstance(value, str) else value)]
@@ -443,8 +442,6 @@ def check_arguments(args: argparse.Namespace) -> None:
         raise FileFault(f"-o -: standard output cannot be the file, {fault}; name a file")
     if output and output != "-":
         check_output(output, args.writes, inputs, force=args.force)
-    if getattr(args, "source", None) and args.command != "fit":
-        MODELS.register_source(args.source)
 
 
 def run(args: argparse.Namespace) -> None:

@@ -6,6 +6,7 @@ import stat
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,20 +14,22 @@ import numpy as np
 from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.files import check_regular, plain, read_npz, shown, write_npz
 from brdfatlas.measured import Measured
-from brdfatlas.models import MODELS, own_faults
-from brdfatlas.models.base import FitError, Model, Result, numbers
+from brdfatlas.models import MODELS, Entry, load_model, own_faults
+from brdfatlas.models.base import Factors, FitError, Function, Model, Result, numbers
+from brdfatlas.sampling import Sampler
 
 #: Most bytes that a fit may have: several times a table with a number of its own for every cell of the grid.
 MOST_BYTES = 2**28
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """A fitted model: evaluates itself anywhere and puts itself on the MERL grid.
 
-    ``parameters`` have the types of the model's storage: what is evaluated is what is stored. ``report`` says how
-    the fit was found (objective, iterations, seconds, converged, message, details); it is not saved with the fit,
-    so that equal fits are equal files.
+    ``model`` is the name of the model's class (or of an entry), ``entry`` the row of the run, ``source`` the file of a
+    model that is not part of a package. ``parameters`` have the types of the model's storage: what is evaluated is what
+    is stored. ``report`` says how the fit was found (objective, iterations, seconds, converged, message, details); it
+    is not saved with the fit, so that equal fits are equal files.
     """
 
     model: str
@@ -34,7 +37,32 @@ class Fit:
     parameters: Mapping[str, np.ndarray]
     options: Mapping[str, Any] = field(default_factory=dict)
     standin: bool = False
-    report: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    report: Mapping[str, Any] = field(default_factory=dict)
+    entry: str = ""
+    source: str | None = None
+
+    def __post_init__(self) -> None:
+        if not self.entry:
+            object.__setattr__(self, "entry", self.model)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both would be saved as equal files; how they were found does not count."""
+        if not isinstance(other, Fit):
+            return NotImplemented
+        told = ("model", "material", "options", "standin", "entry", "source")
+        return (
+            all(getattr(self, name) == getattr(other, name) for name in told)
+            and self.parameters.keys() == other.parameters.keys()
+            and all(_same(array, other.parameters[name]) for name, array in self.parameters.items())
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.entry, self.model, self.material))
+
+    @cached_property
+    def instance(self) -> Model:
+        """The model itself. KeyError or ImportError where it cannot be found."""
+        return load_model(self.model, self.source) if self.source else MODELS[self.model]
 
     @property
     def bytes(self) -> int:
@@ -45,34 +73,58 @@ class Fit:
         """rgb (..., 3) in 1/sr at unit vectors (..., 3); 0 where one direction is below the surface, NaN where one is
         not finite."""
         wi, wo = np.broadcast_arrays(np.asarray(wi, float), np.asarray(wo, float))
-        finite = (np.isfinite(wi) & np.isfinite(wo)).all(-1, keepdims=True)
-        if not finite.all():  # compiled look-ups take directions as indices
-            wi, wo = (np.where(finite, w, [0.0, 0.0, 1.0]) for w in (wi, wo))
-        model = MODELS[self.model]
-        with np.errstate(all="ignore"), own_faults(model, self.material):
-            rgb = numbers(model.evaluate(self.parameters, wi, wo))
+        finite = (np.isfinite(wi) & np.isfinite(wo)).all(-1)  # compiled look-ups take directions as indices
+        seen = finite & (wi[..., 2] > 0) & (wo[..., 2] > 0)
+        if seen.all():
+            return self._values(wi, wo)
+        rgb = np.zeros(wi.shape)
+        rgb[~finite] = np.nan
+        if seen.any():
+            rgb[seen] = self._values(wi[seen], wo[seen])
+        return rgb
+
+    def _values(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        with own_faults(self.instance, self.material):
+            rgb = numbers(self.instance.evaluate(self.parameters, wi, wo))
             if rgb.shape != wi.shape:
                 raise ValueError(f"evaluate gives shape {rgb.shape} for directions {wi.shape}")
-        rgb = np.where(((wi[..., 2] > 0) & (wo[..., 2] > 0))[..., None], rgb, 0.0)
-        return np.where(finite, rgb, np.nan)
+            return rgb
 
     def table(self) -> np.ndarray:
         """The fit at the cell centres of the MERL grid, (90, 90, 180, 3) float32, NaN below the horizon."""
-        model = MODELS[self.model]
-        with own_faults(model, self.material):
-            table = np.array(numbers(model.evaluate_grid(self.parameters)), np.float32, copy=True)
+        with own_faults(self.instance, self.material):
+            table = np.array(numbers(self.instance.evaluate_grid(self.parameters)), np.float32, copy=True)
             if table.shape != (*GRID_SHAPE, 3):
                 raise ValueError(f"evaluate_grid gives shape {table.shape}, not {(*GRID_SHAPE, 3)}")
         table[~above_horizon()] = np.nan
         return table
 
+    def sampler(self) -> Sampler | None:
+        """The importance sampler of the fit; None for a model without a sampling procedure."""
+        return self.instance.sampler(self.parameters)
+
+    def functions(self) -> tuple[Function, ...]:
+        """The named functions of the fit, none for a model that has none."""
+        return self.instance.functions(self.parameters)
+
+    def factors(self) -> Factors | None:
+        """The fit as a sum of products; None for a model that is none."""
+        return self.instance.factors(self.parameters)
+
     def save(self, path: str | os.PathLike) -> None:
         """Write as npz without pickle; equal fits give equal bytes."""
         labels = {"model": self.model, "material": self.material}
+        labels |= {"entry": self.entry} if self.entry != self.model else {}
+        labels |= {"source": self.source} if self.source else {}
         options = {f"option/{key}": np.array(value) for key, value in self.options.items()}
         arrays = {f"parameter/{key}": value for key, value in self.parameters.items()}
         meta = {key: np.array(value) for key, value in labels.items()} | {"standin": np.array(self.standin)}
         write_npz(path, meta | options | arrays)
+
+
+def _same(a, b) -> bool:
+    a, b = np.asarray(a), np.asarray(b)
+    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
 
 
 def is_fit_file(path: str | os.PathLike) -> bool:
@@ -88,13 +140,18 @@ def is_fit_file(path: str | os.PathLike) -> bool:
         return False
 
 
-def load_fit(path: str | os.PathLike) -> Fit:
-    """Read a fit and check it against its model. ValueError names the file if it is not one."""
+def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -> Fit:
+    """Read a fit and check it against its model. ``source``: where the file of its model is now, for a model of one's
+    own whose file has moved.
+
+    ValueError names the file if it is not a fit, if its model cannot be found, or if it is not what the model states.
+    """
     name = shown(path)
     try:
         if check_regular(path).stat().st_size == 0:
             raise ValueError("empty, the mark of a fit that failed; fit again")
         fitted = _fit_of(read_npz(path, most_bytes=MOST_BYTES))
+        fitted = replace(fitted, source=str(source)) if source else fitted
     except FileNotFoundError:
         raise ValueError(f"{name}: no such fit") from None
     except OSError as error:
@@ -107,12 +164,14 @@ def load_fit(path: str | os.PathLike) -> Fit:
 
 def _fit_of(store: dict[str, np.ndarray]) -> Fit:
     """The fit in the arrays of an npz file. ValueError if they are none."""
-    kinds = {"model": "U", "material": "U", "standin": "b"}
-    for key, kind in kinds.items():
-        if key not in store or store[key].dtype.kind != kind or store[key].ndim:
-            raise ValueError(f"it does not state its {key}")
+    labels: dict[str, Any] = {}
+    for key, kind in {"model": "U", "material": "U", "standin": "b", "entry": "U", "source": "U"}.items():
+        if key in store or key not in ("entry", "source"):
+            if key not in store or store[key].dtype.kind != kind or store[key].ndim:
+                raise ValueError(f"it does not state its {key}")
+            labels[key] = store[key].item()
     parts: dict[str, dict[str, np.ndarray]] = {"parameter": {}, "option": {}}
-    for key in (key for key in store if key not in kinds):
+    for key in (key for key in store if key not in labels):
         part, _, rest = key.partition("/")
         if part not in parts:
             raise ValueError(f"it holds {shown(key)}, which belongs to no fit")
@@ -120,7 +179,7 @@ def _fit_of(store: dict[str, np.ndarray]) -> Fit:
     if any(value.ndim for value in parts["option"].values()):
         raise ValueError("an option is an array")
     options = {key: value.item() for key, value in parts["option"].items()}
-    return Fit(str(store["model"]), str(store["material"]), parts["parameter"], options, bool(store["standin"]))
+    return Fit(parameters=parts["parameter"], options=options, **labels)
 
 
 def check_fit(fitted: Fit, path: str | os.PathLike) -> None:
@@ -130,10 +189,10 @@ def check_fit(fitted: Fit, path: str | os.PathLike) -> None:
     """
     name = shown(path)
     try:
-        model = MODELS[fitted.model]
-    except KeyError:
-        known = f"the model {shown(fitted.model)!r} is not known here"
-        raise ValueError(f"{name}: {known}; if it is one of your own, give its file as source") from None
+        model = fitted.instance
+    except (KeyError, ImportError) as error:
+        fault = f"its model {shown(fitted.model)!r} cannot be used ({shown(error.args[0])})"
+        raise ValueError(f"{name}: {fault}; say where the model's file is: source=FILE.py, or --source") from None
     try:
         options = model.check_options(fitted.options)
     except ValueError as error:
@@ -141,8 +200,9 @@ def check_fit(fitted: Fit, path: str | os.PathLike) -> None:
     fault = fault_of(model, fitted.parameters, options)
     if fault:
         raise ValueError(f"{name}: damaged, or of another version of {model.name}: {fault}; fit again")
-    if not 0 < len(fitted.material) < 256 or not fitted.material.isprintable():
-        raise ValueError(f"{name}: damaged, {fitted.material[:80]!r} is no name of a material; fit again")
+    for label in (fitted.material, fitted.entry):
+        if not 0 < len(label) < 256 or not label.isprintable():
+            raise ValueError(f"{name}: damaged, {label[:80]!r} is no name; fit again")
 
 
 def fault_of(model: Model, parameters: Mapping[str, np.ndarray], options: Mapping[str, Any]) -> str:
@@ -168,36 +228,41 @@ def fault_of(model: Model, parameters: Mapping[str, np.ndarray], options: Mappin
     return ""
 
 
-def _stored(model: Model, result: Result, material: str) -> dict[str, np.ndarray]:
+def _stored(model: Model, options: Mapping[str, Any], result: Result, where: str) -> dict[str, np.ndarray]:
     """The parameters of a result in the types of the model's storage. FitError if one is missing or not finite."""
     parameters = {}
-    for parameter in model.parameters:
+    for parameter in model.parameters_of(options):
         if parameter.name not in result.parameters:
-            raise FitError(f"{model.name} on {material}: the fit returns no {parameter.name}, which the model states")
+            raise FitError(f"{where}: the fit returns no {parameter.name}, which the model states")
         array = np.asarray(result.parameters[parameter.name], parameter.dtype)
         if not model.variable_size:
             array = array.reshape(parameter.shape)
         if not np.isfinite(array).all():
-            raise FitError(f"{model.name} on {material}: {parameter.name} is not finite ({result.message})")
+            raise FitError(f"{where}: {parameter.name} is not finite ({result.message})")
         parameters[parameter.name] = array
     return parameters
 
 
-def fit(model: str | Model, measured: Measured, seed: int = 0, **options: Any) -> Fit:
-    """Fit ``model`` (a name or a Model) to a material. The model gets a read-only table.
+def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options: Any) -> Fit:
+    """Fit ``model`` (a name, an entry or a Model) to a material; ``options`` stand over those of the entry.
 
-    Raises KeyError for an unknown model, ValueError for an unknown option, FitError where the model has no finite
-    fit for this material, or where the code of a model from outside the package fails.
+    The model gets a read-only table. Raises KeyError for an unknown model, ValueError for an unknown option, FitError
+    where the model has no finite fit for this material, or where the code of a model from outside fails.
     """
-    model = MODELS[model] if isinstance(model, str) else model
+    if isinstance(model, Model):
+        entry = Entry(model.name, model.name)
+    else:
+        entry = MODELS.entry(model) if isinstance(model, str) else model
+        model = entry.instance
     chosen = model.check_options(options)
+    where = f"{entry.name} on {measured.name}"
     table = measured.table.view()
     table.flags.writeable = False
     start = time.perf_counter()
-    with np.errstate(all="ignore"), own_faults(model, measured.name):
+    with own_faults(model, measured.name):
         result = model.fit(replace(measured, table=table), seed=seed, **chosen)
         seconds = time.perf_counter() - start
-        parameters = _stored(model, result, measured.name)
+        parameters = _stored(model, chosen, result, where)
         report = {
             "objective": float(result.objective),
             "objective_name": str(result.objective_name),
@@ -212,5 +277,29 @@ def fit(model: str | Model, measured: Measured, seed: int = 0, **options: Any) -
     try:
         json.dumps(plain(report["details"]))
     except (TypeError, ValueError, RecursionError) as error:
-        raise FitError(f"{model.name} on {measured.name}: details cannot be written as JSON ({error})") from None
-    return Fit(model.name, measured.name, parameters, chosen, measured.standin, report)
+        raise FitError(f"{where}: details cannot be written as JSON ({error})") from None
+    labels = {"entry": entry.name, "source": entry.source}
+    fitted = Fit(entry.model, measured.name, parameters, chosen, measured.standin, report, **labels)
+    vars(fitted)["instance"] = model  # also one that no name leads to
+    return fitted
+
+
+def describe_fit(fitted: Fit, measured: Measured, table: np.ndarray) -> dict[str, Any]:
+    """The report of a fit with those parameters that a person can read; JSON-able. ``table``: :meth:`Fit.table`.
+
+    FitError if the fit has no finite value where the material has one: no picture and no error could be made of it.
+    """
+    bad = int((~np.isfinite(table[measured.valid]).all(-1)).sum())
+    if bad:
+        raise FitError(f"{fitted.entry} on {fitted.material}: NaN or Inf at {bad:,} measured cells")
+    return {
+        "status": "ok",
+        "reason": "",
+        "entry": fitted.entry,
+        "model": fitted.model,
+        "material": fitted.material,
+        "standin": fitted.standin,
+        "options": dict(fitted.options),
+        **fitted.report,
+        "parameters": {name: array for name, array in fitted.parameters.items() if array.size <= 24},
+    }

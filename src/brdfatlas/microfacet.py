@@ -108,10 +108,14 @@ def smith_g1(sigma: np.ndarray, cosine) -> np.ndarray:
 # Fresnel --------------------------------------------------------------------------------------------------------
 
 
+def schlick_weight(cos_d, exponent: int = 5):
+    """(1 - cos)^5, with which Schlick's approximation rises from F0 to 1 (Schlick 1994)."""
+    return (1 - cos_d) ** exponent
+
+
 def schlick(cos_d, f0):
     """Schlick's F0 + (1 - F0) (1 - cos)^5."""
-    m = 1 - cos_d
-    return f0 + (1 - f0) * m * m * m * m * m
+    return f0 + (1 - f0) * schlick_weight(cos_d)
 
 
 def dielectric(cos_d, eta):

@@ -7,8 +7,7 @@ import numpy as np
 
 from brdfatlas.angles import grid_cosines, pair_measure, slice_measure
 from brdfatlas.compiled import njit
-
-MAX_ANGLE = np.deg2rad(89.0)
+from brdfatlas.constants import E2_ANGLE, MAX_ANGLE
 
 
 def importance_weight(valid: np.ndarray, *, measure: str = "slice", max_angle: float = MAX_ANGLE) -> np.ndarray:
@@ -149,7 +148,7 @@ def log_deviation(a: np.ndarray, b: np.ndarray, min_cosine: float = 0.1) -> floa
     return float(np.mean(np.abs(difference)))
 
 
-def loew_e2(a: np.ndarray, b: np.ndarray, max_angle: float = np.deg2rad(80.0)) -> float:
+def loew_e2(a: np.ndarray, b: np.ndarray, max_angle: float = E2_ANGLE) -> float:
     """Löw et al. 2012, E2: mean over cells with theta_h, theta_d <= 80 degrees of the squared difference of
     ln(1 + rho cos theta_i), summed over rgb."""
     from brdfatlas.angles import grid_axes

@@ -14,28 +14,25 @@ Cook–Torrance, Ngan's model and Ward–Duer are sampled by Ward's procedure, a
 The microfacet models of Dupuy et al. 2015 and SGD are sampled by the density D cos theta_h of their half vectors
 (Walter et al. 2007), SGD with one lobe a channel. The lobes of one fit are mixed with the weights of Eqs. 40–42.
 
-    sampler = sampler_of(fit)
+    sampler = fit.sampler()
     wi = sampler.sample(u, wo)           # u (..., 3) uniform in [0, 1): one to choose the lobe, two for the direction
     p = sampler.pdf(wi, wo)              # 1/sr
-    export_sampler(fit, "chrome.sampler.json")
 
-The file holds kinds, weights and numbers of the lobes, enough to write the sampler in any renderer. The project's own
-renders do not use it: they sample the reference and all fits by one common density.
+A model builds its sampler of these lobes (``Model.sampler``). Written as data, kinds, weights and numbers of the lobes,
+it can be made in any renderer. The project's own renders do not use it: they sample the reference and all fits by one
+common density.
 """
 
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from brdfatlas.files import read_json, write_json
-from brdfatlas.microfacet import ggx_ndf, theta_h_quadrature
-
-if TYPE_CHECKING:
-    from brdfatlas.fits import Fit
+from brdfatlas.files import read_json
+from brdfatlas.microfacet import ggx_ndf
 
 FORMAT = "brdfatlas-sampler-1"
 REJECTED = np.array([0.0, 0.0, -1.0])
@@ -298,102 +295,25 @@ def _broadcast(u: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return u, wo
 
 
-def _specular_lobes(fit: "Fit") -> tuple[list[Lobe], np.ndarray]:
-    """The specular lobes of a fit and how much each weighs beside kd (sums over rgb, Eqs. 40, 41)."""
-    p = {name: np.asarray(value, float) for name, value in fit.parameters.items()}
-    if fit.model == "ashikhmin_shirley":
-        lobes: list[Lobe] = [AshikhminShirleyLobe(float(n)) for n in p["n"]]
-    elif fit.model == "cook_torrance":
-        lobes = [WardLobe(float(m)) for m in p["m"]]
-    elif fit.model in ("ward", "ward_duer"):
-        lobes = [WardLobe(float(alpha)) for alpha in p["alpha"]]
-    elif fit.model == "edwards":
-        lobes = [EdwardsLobe(float(R), float(n)) for R, n in zip(p["R"], p["n"])]
-    elif fit.model == "ngan":
-        lobes = [WardLobe(float(p["m"][0]))]
-    elif fit.model in ("abc", "abc_compressive"):
-        return _abc_lobe(p)
-    elif fit.model == "sgd":
-        return _sgd_lobes(p)
-    elif fit.model in ("tabulated", "gaussian", "ggx"):  # no diffuse term beside it: any weight is all of it
-        return [_dupuy_lobe(fit.model, p)], np.ones(1)
-    else:
-        raise ValueError(f"model {fit.model} has no sampling procedure; models that have one: {', '.join(SAMPLED)}")
-    return lobes, np.full(len(lobes), p["ks"].sum())
-
-
-def _abc_lobe(p: Mapping[str, np.ndarray]) -> tuple[list[Lobe], np.ndarray]:
-    """A is no albedo. The lobe weighs as its albedo at normal incidence, 4/pi A F(0) int S dh, shadowing left out."""
-    B, C, eta = (float(p[name][0]) for name in ("B", "C", "eta"))
-    lobe = AbcLobe(B, C)
-    fresnel = ((eta - 1) / (eta + 1)) ** 2
-    return [lobe], np.array([4 / np.pi * fresnel * p["A"].sum() * lobe.integral()])
-
-
-def _dupuy_lobe(model: str, p: Mapping[str, np.ndarray]) -> Lobe:
-    if model == "gaussian":
-        return WardLobe(float(p["alpha"][0]))
-    if model == "ggx":
-        return GgxLobe(float(p["alpha"][0]))
-    theta_h, solid_angle = theta_h_quadrature()
-    return TabulatedLobe(tuple(float(share) for share in p["ndf"] * np.cos(theta_h) * solid_angle))
-
-
-def _sgd_lobes(p: Mapping[str, np.ndarray]) -> tuple[list[Lobe], np.ndarray]:
-    """One lobe a channel. Its albedo at normal incidence is 4/pi rho_s F(0), shadowing left out; F is averaged over the
-    hemisphere instead, because fits may have F(0) = 0."""
-    lobes: list[Lobe] = [SgdLobe(float(alpha), float(power)) for alpha, power in zip(p["alpha"], p["p"])]
-    fresnel = p["F0"] - p["F1"] * (2 / 3) + (1 - p["F0"]) / 21  # int 2 cos F dcos
-    return lobes, 4 / np.pi * p["rho_s"] * np.maximum(fresnel, 0)
-
-
-#: The models that :func:`sampler_of` accepts.
-SAMPLED = (
-    "tabulated",
-    "gaussian",
-    "ggx",
-    "sgd",
-    "abc",
-    "abc_compressive",
-    "ngan",
-    "ashikhmin_shirley",
-    "cook_torrance",
-    "edwards",
-    "ward",
-    "ward_duer",
-)
-
-
-def sampler_of(fit: "Fit") -> Mixture:
-    """The importance sampler of a fit. ValueError for a model that has none."""
-    lobes, specular = _specular_lobes(fit)
-    diffuse = float(sum(np.sum(fit.parameters[name]) for name in ("kd", "rho_d") if name in fit.parameters))
-    total = diffuse + specular.sum()
-    weights = np.array([diffuse, *specular]) / total if total > 0 else np.array([1.0, *np.zeros(len(lobes))])
+def mixture(diffuse: float, lobes: Sequence[Lobe], specular: Sequence[float] | np.ndarray) -> Mixture:
+    """A diffuse lobe and others, weighted by how much each reflects (sums over rgb, Eqs. 40, 41); diffuse alone where
+    nothing is reflected."""
+    weights = np.array([diffuse, *specular], float)
+    total = weights.sum()
+    weights = weights / total if total > 0 else np.array([1.0, *np.zeros(len(lobes))])
     return Mixture([Diffuse(), *lobes], weights)
 
 
-def describe_sampler(fit: "Fit") -> dict[str, Any]:
-    """The sampler of a fit as plain data: format, model, material, and kind, weight and numbers of every lobe."""
-    sampler = sampler_of(fit)
+def sampler_as_data(sampler: Sampler) -> dict[str, Any]:
+    """A mixture as plain data: format, and kind, weight and numbers of every lobe. ValueError for lobes of another
+    kind, which no reader would know."""
+    if not isinstance(sampler, Mixture) or any(KINDS.get(lobe.kind) is not type(lobe) for lobe in sampler.lobes):
+        raise ValueError(f"the sampler is no mixture of lobes of these kinds: {', '.join(KINDS)}")
     lobes = [
         {"kind": lobe.kind, "weight": float(weight)} | asdict(lobe)
         for weight, lobe in zip(sampler.weights, sampler.lobes)
     ]
-    return {
-        "format": FORMAT,
-        "model": fit.model,
-        "material": fit.material,
-        "standin": fit.standin,
-        "lobes": lobes,
-    }
-
-
-def export_sampler(fit: "Fit", path: str | os.PathLike) -> dict[str, Any]:
-    """Write :func:`describe_sampler` as JSON and return it. ValueError for a model without a sampling procedure."""
-    description = describe_sampler(fit)
-    write_json(path, description)
-    return description
+    return {"format": FORMAT, "lobes": lobes}
 
 
 def sampler_from(description: Mapping[str, Any]) -> Mixture:
@@ -415,5 +335,5 @@ def sampler_from(description: Mapping[str, Any]) -> Mixture:
 
 
 def load_sampler(path: str | os.PathLike) -> Mixture:
-    """Read what :func:`export_sampler` wrote."""
+    """The sampler of a JSON file that holds :func:`sampler_as_data`."""
     return sampler_from(read_json(path))

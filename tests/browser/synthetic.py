@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from brdfatlas.figures.pictures import apply_colours, encode_hdr, write_bars, write_webp
+from brdfatlas.figures.pictures import apply_colours, encode_hdr, picture_file, write_bars, write_webp
+from brdfatlas.files import write_text
 from brdfatlas.models import MODELS
 from brdfatlas.reports.data import Material, SceneFacts, read_material
 from brdfatlas.reports.site import write_assets, write_compare, write_index, write_material_page, write_model_page
@@ -291,18 +292,18 @@ def make_pictures(
             wrong = 0 if model == "reference" else 0.3 * rng.uniform(0.1, 1)
             image = sphere(size, np.asarray(colour) * (1 + 0.3 * wrong), 60 + 40 * number, 2.0 * (1 - wrong))
             shown = (255 * np.clip(1 - np.exp2(-image), 0, 1) ** (1 / 2.2)).astype(np.uint8)
-            write_webp(folder / f"{scene}-{model}.webp", shown)
-            write_webp(folder / f"{scene}-{model}-hdr.webp", encode_hdr(image), lossless=True)
+            write_webp(picture_file(folder, scene, model), shown)
+            write_webp(picture_file(folder, scene, model, "hdr"), encode_hdr(image), lossless=True)
             if model != "reference":
-                for suffix in ("-de00", "-flip", "-diff"):
+                for kind in ("de00", "flip", "diff"):
                     write_webp(
-                        folder / f"{scene}-{model}{suffix}.webp",
+                        picture_file(folder, scene, model, kind),
                         apply_colours(np.abs(image - reference).mean(-1), ramp, mask),
                     )
     curve = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 600 260">'
     curve += '<path d="M10 250C90 10 200 240 590 250" stroke="#333" fill="none"/></svg>'
     (folder / "lobes.svg").write_text(curve)
     for model in models[:2]:
-        (folder / f"functions-{model}.svg").write_text(curve)
-    (folder / f"factors-{models[-1]}.svg").write_text(curve)
+        write_text(folder / "functions" / f"{model}.svg", curve)
+    write_text(folder / "factors" / f"{models[-1]}.svg", curve)
     Image.fromarray(np.tile(np.arange(256, dtype=np.uint8), (90, 2))).save(folder / "slices.webp")

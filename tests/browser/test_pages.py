@@ -246,7 +246,7 @@ def test_compare_zoom_pan_and_pixel_values(tab, site):
     after = page.locator("#pixel").inner_text().splitlines()
     assert before[0] == after[0], "zooming keeps the pixel under the pointer"
     column, row = map(int, re.match(r"x (\d+)  y (\d+)", after[0]).groups())
-    with Image.open(site.reports / "materials/pvc/grove-toy_02-hdr.webp") as picture:
+    with Image.open(site.reports / "materials/pvc/renders/grove/toy_02/hdr.webp") as picture:
         expected = decode_hdr(np.asarray(picture))[row, column]
     printed = [float(word) for word in after[2].split()[-3:]]
     assert printed == pytest.approx(expected.tolist(), rel=1e-3), "printed with 4 digits"
@@ -297,7 +297,7 @@ def test_compare_works_without_a_pointer(tab, site):
     x, y = map(int, re.match(r"x (\d+)  y (\d+)", lines[0]).groups())
     assert x > column
     assert y < row
-    with Image.open(site.reports / "materials/pvc/grove-toy_02-hdr.webp") as picture:
+    with Image.open(site.reports / "materials/pvc/renders/grove/toy_02/hdr.webp") as picture:
         expected = decode_hdr(np.asarray(picture))[y, x]
     assert [float(word) for word in lines[2].split()[-3:]] == pytest.approx(expected.tolist(), rel=1e-3)
     assert serious_faults(page) == []

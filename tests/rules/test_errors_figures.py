@@ -21,7 +21,7 @@ def picture_of(project, model, scene="studio_sphere", material="pink-felt"):
 
 
 def test_measure_errors(run_rule, finished_run):
-    table = read_tsv(run_rule("measure_errors", "results/errors/pink-felt.tsv")).set_index(["model", "scene"])
+    table = read_tsv(run_rule("measure_errors", "results/errors/pink-felt/images.tsv")).set_index(["model", "scene"])
     assert set(table.index.get_level_values("model")) == {"ggx", "gaussian", "reference_again"}
     assert set(table["status"]) == {"ok"}
     for measure in IMAGE_MEASURES:
@@ -42,7 +42,7 @@ def test_measure_errors(run_rule, finished_run):
     floor = table.loc[("reference_again", "studio_sphere")]
     assert floor["psnr_db"] == pytest.approx(10 * np.log10(peak**2 / plain), abs=0.01)
 
-    brdf = read_tsv(finished_run.root / "results" / "errors" / "pink-felt.brdf.tsv").set_index("model")
+    brdf = read_tsv(finished_run.root / "results" / "errors" / "pink-felt" / "brdf.tsv").set_index("model")
     measured = read_merl(finished_run.root / "results" / "standins" / "pink-felt.binary")
     for model in ("ggx", "gaussian"):
         fitted = load_fit(finished_run.root / "results" / "fits" / "pink-felt" / f"{model}.npz")
@@ -51,13 +51,13 @@ def test_measure_errors(run_rule, finished_run):
 
 
 def test_the_tables_of_brdf_measures_belong_to_the_same_job(run_rule):
-    assert "log_deviation" in run_rule("measure_errors", "results/errors/chrome.brdf.tsv").read_text()
+    assert "log_deviation" in run_rule("measure_errors", "results/errors/chrome/brdf.tsv").read_text()
 
 
 def test_tabulate_errors(run_rule, finished_run):
     summary = read_tsv(run_rule("tabulate_errors", "results/tables/summary.tsv"))
     summary = summary.set_index(["model", "class", "scene"])
-    files = [finished_run.root / "results" / "errors" / f"{name}.tsv" for name in ("pink-felt", "chrome")]
+    files = [finished_run.root / "results" / "errors" / name / "images.tsv" for name in ("pink-felt", "chrome")]
     rows = read_tsv(files).set_index("model")
     for model in ("ggx", "gaussian"):
         mean = rows.loc[model, "psnr_db"].mean()
@@ -74,20 +74,27 @@ def test_tabulate_errors(run_rule, finished_run):
 def test_draw_pictures(run_rule, finished_run):
     listing = json.loads(run_rule("draw_pictures", "results/pictures/chrome.json").read_text())["pictures"]
     folder = finished_run.root / "reports" / "materials" / "chrome"
-    assert {"studio_sphere-reference.webp", "studio_sphere-ggx-de00.webp", "studio_sphere-ggx-hdr.webp"} <= set(listing)
+    assert {f"renders/studio_sphere/{name}.webp" for name in ("reference/render", "ggx/de00", "ggx/hdr")} <= set(
+        listing
+    )
     for name, digest in listing.items():
         with Image.open(folder / name) as image:
             assert image.size[0] == 24
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
     image = picture_of(finished_run, "ggx", material="chrome")
-    back = decode_hdr(np.array(Image.open(folder / "studio_sphere-ggx-hdr.webp").convert("RGB")))
+    back = decode_hdr(np.array(Image.open(folder / "renders/studio_sphere/ggx/hdr.webp").convert("RGB")))
     assert np.all(np.abs(back - image.mean) <= image.mean.max(-1, keepdims=True) / 255)
-    map_alpha = np.array(Image.open(folder / "studio_sphere-ggx-de00.webp"))[..., 3]
+    map_alpha = np.array(Image.open(folder / "renders/studio_sphere/ggx/de00.webp"))[..., 3]
     np.testing.assert_array_equal(map_alpha == 255, image.mask)
 
 
 def test_pictures_that_somebody_removed_come_back(run_rule):
-    assert run_rule("draw_pictures", "reports/materials/pink-felt/studio_sphere-reference.webp").stat().st_size > 100
+    assert (
+        run_rule("draw_pictures", "reports/materials/pink-felt/renders/studio_sphere/reference/render.webp")
+        .stat()
+        .st_size
+        > 100
+    )
 
 
 def test_draw_bars(run_rule):
@@ -97,7 +104,7 @@ def test_draw_bars(run_rule):
 
 def test_draw_figures(run_rule, finished_run):
     listing = json.loads(run_rule("draw_figures", "results/figures/chrome.json").read_text())["figures"]
-    assert list(listing) == ["functions-gaussian.svg", "functions-ggx.svg", "lobes.svg"]
+    assert list(listing) == ["functions/gaussian.svg", "functions/ggx.svg", "lobes.svg"]
     for name, digest in listing.items():
         content = (finished_run.root / "reports" / "materials" / "chrome" / name).read_bytes()
         assert ElementTree.fromstring(content.decode()).tag.endswith("svg")

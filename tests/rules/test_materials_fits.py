@@ -7,7 +7,7 @@ import pytest
 
 from brdfatlas import load_fit, read_merl
 from brdfatlas.objectives import compressive_weights, log_deviation, relative_objective
-from brdfatlas.pipeline.jobs import check_failures_job
+from brdfatlas.pipeline.records import check_failures_job
 from brdfatlas.pipeline.standins import make_standin
 
 

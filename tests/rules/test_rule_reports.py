@@ -27,8 +27,8 @@ def test_write_assets(run_rule):
 def test_write_material_page(run_rule, finished_run):
     page = run_rule("write_material_page", "reports/materials/chrome.html").read_text(encoding="utf-8")
     root = finished_run.root
-    source = pd.read_csv(root / "results/errors/chrome.tsv", sep="\t").set_index(["model", "scene"])["psnr_db"]
-    copied = table(root, "chrome.errors").set_index(["model", "scene"])["psnr_db"].astype(float)
+    source = pd.read_csv(root / "results/errors/chrome/images.tsv", sep="\t").set_index(["model", "scene"])["psnr_db"]
+    copied = table(root, "materials/chrome/errors").set_index(["model", "scene"])["psnr_db"].astype(float)
     pd.testing.assert_series_equal(copied, source, rtol=1e-8)
     for model in ("ggx", "gaussian"):
         assert f"{source[model, 'studio_sphere']:.1f}" in page
@@ -37,7 +37,7 @@ def test_write_material_page(run_rule, finished_run):
 
 def test_write_model_pages(run_rule, finished_run):
     page = run_rule("write_model_pages", "reports/models/ggx.html").read_text(encoding="utf-8")
-    fits = table(finished_run.root, "model-ggx.fits").set_index("material")
+    fits = table(finished_run.root, "models/ggx/fits").set_index("material")
     assert sorted(fits.index) == ["chrome", "pink-felt"]
     report = json.loads((finished_run.root / "results/fits/chrome/ggx.json").read_text())
     assert fits.loc["chrome", "objective"] == pytest.approx(report["objective"], rel=1e-8)
@@ -75,14 +75,14 @@ def test_write_uber_texture(finished_run, tmp_path):
     project.configure(models=["ggx", "g_from_d"])
     done = project.snakemake("--", "reports/viewer.html")
     assert {"write_uber_texture": 1, "write_viewer": 1}.items() <= project.jobs(done.stdout).items()
-    texture = load_uber_texture(project.root / "reports/data/uber-texture-g_from_d-1.exr")
+    texture = load_uber_texture(project.root / "reports/data/models/g_from_d/uber-texture-1.exr")
     assert texture.materials == texture.standins == ("pink-felt", "chrome")
     fitted = load_fit(project.root / "results/fits/chrome/g_from_d.npz")
     for name, values in texture.parameters("chrome").items():
         np.testing.assert_array_equal(values, fitted.parameters[name])
     page = (project.root / "reports/viewer.html").read_text(encoding="utf-8")
     assert "no fit of the form" not in page
-    assert "uber-texture-g_from_d-1.exr" in page
+    assert "data/models/g_from_d/uber-texture-1.exr" in page
     assert "g_from_d" in (project.root / "reports/data/viewer.js").read_text(encoding="utf-8")
 
 

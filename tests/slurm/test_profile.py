@@ -7,7 +7,7 @@ import yaml
 
 SMALL = {"materials": ["pink-felt"], "models": ["ggx"], "pdf": False}
 #: Through fit, renders and errors: what runs on nodes in numbers. The pages after them are rules like these.
-TARGET = "results/errors/pink-felt.tsv"
+TARGET = "results/errors/pink-felt/images.tsv"
 #: Of the profile, only what this Slurm lacks (accounting) and what a test need not wait for.
 PROFILE = [
     *("--profile", "workflow/profiles/slurm", "--jobs", "2", "--latency-wait", "10"),

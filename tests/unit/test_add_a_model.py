@@ -12,10 +12,10 @@ from brdfatlas.files import read_json
 from brdfatlas.fits import fit, load_fit
 from brdfatlas.measured import Measured, write_merl
 from brdfatlas.measures.physics import physics_checks
-from brdfatlas.models import MODELS, Registry, load_model_file
+from brdfatlas.models import MODELS, Entry, Registry, load_model_file, read_entries
 from brdfatlas.models.base import FitError, Model, Option
-from brdfatlas.pipeline.configuration import ConfigError, read_models
 from brdfatlas.pipeline.jobs import fit_job
+from brdfatlas.settings import ConfigError
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "lambertian.py"
@@ -28,7 +28,7 @@ def constant_material() -> Measured:
     return Measured("constant", table)
 
 
-def check_fit(name: str, folder: Path) -> None:
+def check_fit(name: str | Entry, folder: Path) -> None:
     """Fit, save, load and evaluate the model of this name on a constant BRDF."""
     fitted = fit(name, constant_material())
     table = fitted.table()[above_horizon()]
@@ -51,14 +51,10 @@ def check_fit(name: str, folder: Path) -> None:
 
 def test_a_model_joins_by_its_path(tmp_path):
     assert "lambertian" not in MODELS
-    MODELS.register_file("lambertian", EXAMPLE)
-    try:
-        assert "lambertian" in list(MODELS)
-        check_fit("lambertian", tmp_path)
-    finally:
-        # leave the registry of this process as it was
-        MODELS._files.pop("lambertian")
-        MODELS._load.cache_clear()
+    registry = Registry()
+    registry.register_file("lambertian", EXAMPLE)
+    assert "lambertian" in list(registry)
+    check_fit(registry.entry("lambertian"), tmp_path)
 
 
 def test_a_model_joins_by_an_entry_point(tmp_path, monkeypatch):
@@ -70,11 +66,8 @@ def test_a_model_joins_by_an_entry_point(tmp_path, monkeypatch):
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: outside-models\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(f"[brdfatlas.models]\n{name} = outside_models:Lambertian\n")
     monkeypatch.syspath_prepend(tmp_path)
-    try:
-        assert name in list(Registry())
-        check_fit(name, tmp_path)
-    finally:
-        MODELS._load.cache_clear()
+    assert name in list(Registry())
+    check_fit(name, tmp_path)
 
 
 def test_the_example_fits_by_least_squares():
@@ -128,12 +121,8 @@ def test_a_slip_in_a_file_is_one_line_with_its_place(tmp_path, monkeypatch, old,
         load_model_file(path, "lambertian")
     assert "\n" not in str(caught.value)
     models.write_text(f"lambertian: {{source: {path}}}\n")
-    try:
-        with pytest.raises(ConfigError) as told:
-            read_models(models)
-    finally:
-        MODELS._files.pop("lambertian")
-        MODELS._load.cache_clear()
+    with pytest.raises(ConfigError) as told:
+        read_entries(models)
     assert str(told.value) == f"{models}: lambertian: {caught.value}"
 
 
@@ -189,11 +178,8 @@ def test_a_fit_without_a_value_where_the_material_has_one_has_failed(tmp_path):
     (tmp_path / "holed.py").write_text(NAN_AT_GRAZING)
     write_merl(tmp_path / "constant.binary", constant_material().table)
     files = [str(tmp_path / name) for name in ("constant.binary", "holed.npz", "holed.json")]
-    try:
-        fit_job("holed", str(tmp_path / "holed.py"), {}, 0, files[0], False, *files[1:])
-    finally:
-        MODELS._files.pop("holed")
-        MODELS._load.cache_clear()
+    entry = Entry("holed", "holed", source=str(tmp_path / "holed.py"))
+    fit_job(entry.plain, 0, files[0], False, *files[1:])
     report = read_json(files[2])
     assert report["status"] == "failed"
     assert re.search(r"holed on constant: NaN or Inf at [\d,]+ measured cells", report["reason"])

@@ -73,7 +73,7 @@ def test_exports(capsys, material, tmp_path):
     """A fit and its sampler as JSON, and a texture of factors, give back what the fit holds."""
     from brdfatlas.export.fit_json import import_json
     from brdfatlas.export.uber_texture import load_uber_texture
-    from brdfatlas.sampling import load_sampler, sampler_of
+    from brdfatlas.sampling import load_sampler
 
     for model in ("ward", "g_from_d"):
         assert main(["fit", model, str(material), "-o", str(tmp_path / f"{model}.npz")]) == 0
@@ -84,7 +84,7 @@ def test_exports(capsys, material, tmp_path):
     run_json(capsys, "export", "--sampler", tmp_path / "ward.npz", "-o", tmp_path / "sampler.json")
     u, wo = np.random.default_rng(0).random((100, 3)), np.array([0.6, 0.0, 0.8])
     drawn = load_sampler(tmp_path / "sampler.json").sample(u, wo)
-    np.testing.assert_allclose(drawn, sampler_of(ward).sample(u, wo), rtol=1e-6)
+    np.testing.assert_allclose(drawn, ward.sampler().sample(u, wo), rtol=1e-6)
     told = run_json(capsys, "uber-texture", tmp_path / "g_from_d.npz", "-o", tmp_path / "factors.exr")
     assert (told["model"], told["materials"]) == ("g_from_d", ["pink-felt"])
     back = load_uber_texture(tmp_path / "factors.exr").fit("pink-felt")

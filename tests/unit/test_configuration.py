@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from brdfatlas.files import write_json
 from brdfatlas.measured import FILE_BYTES, write_merl
+from brdfatlas.models import read_entries
 from brdfatlas.pipeline.configuration import (
     ConfigError,
     check,
@@ -13,10 +15,9 @@ from brdfatlas.pipeline.configuration import (
     choose,
     files_of_scene,
     read_config,
-    read_models,
     read_yaml,
 )
-from brdfatlas.pipeline.materials import find_materials
+from brdfatlas.pipeline.materials import check_files, find_materials
 from brdfatlas.settings import check_name
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -28,9 +29,10 @@ def in_project(monkeypatch):
 
 
 def test_shipped_files_are_valid():
-    for name in ("config.yaml", "full.yaml"):
+    for name in ("config.yaml", "full.yaml", "ablation.yaml"):
         read_config(read_yaml(f"config/{name}"), name)
-    assert list(read_models("config/models.yaml"))
+    for name in ("models", "ablation_models"):
+        assert list(read_entries(f"config/{name}.yaml"))
 
 
 def test_defaults_are_filled_at_every_depth():
@@ -95,7 +97,7 @@ def test_model_faults(tmp_path, models, words):
     path = tmp_path / "models.yaml"
     path.write_text(yaml.safe_dump(models))
     with pytest.raises(ConfigError, match=words) as caught:
-        read_models(path)
+        read_entries(path)
     assert str(path) in str(caught.value)
 
 
@@ -148,7 +150,7 @@ def good_file(tmp_path_factory):
     return path
 
 
-def test_bad_materials_are_left_out_with_a_reason_and_verdicts_are_kept(tmp_path, good_file, monkeypatch):
+def test_bad_materials_are_left_out_with_a_reason_and_recorded_verdicts_are_believed(tmp_path, good_file, monkeypatch):
     folder = tmp_path / "merl"
     folder.mkdir()
     (folder / "good.binary").symlink_to(good_file)
@@ -157,13 +159,15 @@ def test_bad_materials_are_left_out_with_a_reason_and_verdicts_are_kept(tmp_path
     (folder / "<script>.binary").symlink_to(good_file)
     config = read_config({"merl_folder": str(folder)})
     checks = tmp_path / "checks.json"
-    usable, left_out = find_materials(config, "standins", checks)
+    usable, left_out, verdicts = find_materials(config, "standins", checks)
+    assert not checks.exists(), "who plans writes nothing"
     assert [m.name for m in usable] == ["good"]
     assert {item.name for item in left_out} == {"short", "a b;rm", "<script>"}
     assert all(item.path in item.reason for item in left_out)
 
+    write_json(checks, verdicts)
     monkeypatch.setattr("brdfatlas.pipeline.materials.read_merl", lambda path: pytest.fail("read again"))
-    assert find_materials(config, "standins", checks) == (usable, left_out)
+    assert find_materials(config, "standins", checks) == (usable, left_out, verdicts)
     with pytest.raises(ConfigError, match="strict"):
         find_materials(config | {"strict": True}, "standins", checks)
 
@@ -182,7 +186,7 @@ def test_files_on_which_no_fit_can_be_judged_are_left_out(tmp_path, good_file):
     cosines = np.minimum(*grid_cosines())
     grazing = np.where((above_horizon() & (cosines < np.cos(np.deg2rad(89.1))))[..., None], black + 1, np.nan)
     write_merl(folder / "grazing.binary", grazing)
-    usable, left_out = find_materials(read_config({"merl_folder": str(folder)}), "standins", tmp_path / "checks.json")
+    usable, left_out, _ = find_materials(read_config({"merl_folder": str(folder)}), "standins", tmp_path / "none.json")
     assert [m.name for m in usable] == ["good"]
     reasons = {item.name: item.reason for item in left_out}
     assert "black, every sample" in reasons["black"]
@@ -196,13 +200,14 @@ def test_a_mended_file_is_checked_again(tmp_path, good_file):
     config, checks = read_config({"merl_folder": str(folder)}), tmp_path / "checks.json"
     with pytest.raises(ConfigError, match="no file there can be used"):
         find_materials(config, "standins", checks)
+    write_json(checks, check_files({"m": folder / "m.binary"}, checks))
     (folder / "m.binary").write_bytes(good_file.read_bytes())
     assert [m.name for m in find_materials(config, "standins", checks)[0]] == ["m"]
 
 
 def test_standins_where_there_is_no_file(tmp_path, capsys):
     config = read_config({"merl_folder": str(tmp_path / "none")})
-    usable, left_out = find_materials(config, "standins", tmp_path / "checks.json")
+    usable, left_out, _ = find_materials(config, "standins", tmp_path / "checks.json")
     assert len(usable) == 4
     assert all(m.standin for m in usable)
     assert left_out == []

@@ -9,7 +9,7 @@ import pytest
 from brdfatlas import microfacet
 from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes, theta_h_centres
 from brdfatlas.figures import style
-from brdfatlas.figures.functions import functions_of, plot_functions
+from brdfatlas.figures.functions import grouped, plot_functions
 from brdfatlas.figures.lobes import lobe, outgoing_angles, plot_lobes
 from brdfatlas.figures.summary import mean_psnr, plot_summary
 from brdfatlas.fits import Fit
@@ -57,20 +57,19 @@ def test_functions_are_those_the_models_evaluate():
     """F D G / (4 cos cos) put together from the drawn functions equals the model at the grid."""
     for model in ("tabulated", "gaussian", "ggx"):
         fit = dupuy_fit(model)
-        own = functions_of(fit)
-        assert own is not None
+        own = {function.symbol: function for function in fit.functions()}
         theta_h, theta_d, phi_d = (a.ravel()[n] for a, n in zip(grid_axes(), (20, 30, 60)))
         wi, wo = directions(theta_h, theta_d, phi_d)
-        g1_i, g1_o = (np.interp(np.arccos(v[2]), own.theta, own.g1) for v in (wi, wo))
+        g1_i, g1_o = (np.interp(np.arccos(v[2]), own["G1"].angle, own["G1"].values) for v in (wi, wo))
         g = g1_i * g1_o / (g1_i + g1_o - g1_i * g1_o)
-        expected = own.fresnel[30] * own.ndf[20] * g / (4 * wi[2] * wo[2])
+        expected = own["F"].values[30] * own["D"].values[20] * g / (4 * wi[2] * wo[2])
         # G1 is interpolated between the drawn points
         np.testing.assert_allclose(fit.evaluate(wi, wo), expected, rtol=2e-3)
 
 
 def test_models_without_functions_draw_nothing(tmp_path):
     fit = Fit("ward", "made", {"kd": np.zeros(3)})
-    assert functions_of(fit) is None
+    assert grouped(fit) == {}
     assert not plot_functions(fit, tmp_path / "no.svg")
     assert not (tmp_path / "no.svg").exists()
 

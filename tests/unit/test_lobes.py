@@ -125,7 +125,7 @@ def test_derivatives_are_those_of_the_columns(name):
     """Analytic derivatives by the fitted vector against central differences, away from the disk's edge."""
     model = MODELS[name]
     rng = np.random.default_rng(1)
-    first, last = model._box("first"), model._box("last")
+    first, last = model.box("first"), model.box("last")
     x = first + (0.3 + 0.4 * rng.random(first.size)) * (last - first)
     columns = lobe_columns(model, x, True)
     for j in range(x.size):

@@ -55,28 +55,39 @@ def test_hdr_takes_what_no_radiance_should_be():
     np.testing.assert_array_equal(back[0], [[0, 1, 2], [0, 3, 0], [0, 1, 1], [0, 0, 0]])
 
 
+def files_in(folder):
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_names_of_models_never_share_a_file():
+    """`ggx` and `ggx-diff`, a scene's name with a model's in it, a model called as a kind of picture."""
+    names = ["a", "a-b", "b", "a-diff", "diff", "render", "a.webp", "reference"]
+    files = [pictures.picture_file("", s, m, k) for s in names for m in names for k in pictures.KINDS]
+    assert len(set(files)) == len(files)
+
+
 def test_every_picture_of_every_model_and_nothing_of_a_failed_one(renders, tmp_path):
-    stale = tmp_path / "out" / "room-failing-de00.webp"
-    stale.parent.mkdir()
+    stale = pictures.picture_file(tmp_path / "out", "room", "failing", "de00")
+    stale.parent.mkdir(parents=True)
     stale.write_bytes(b"left by an earlier run")
     bystander = tmp_path / "out" / "lobes.svg"
     bystander.write_text("another rule's")
     names = pictures.material_pictures(["bright", "failing", "dark"], {"room": TONE}, renders, tmp_path / "out")
-    expected = {f"room-{model}{suffix}.webp" for model in ("bright", "dark") for suffix in pictures.SUFFIXES}
-    expected |= {"room-reference.webp", "room-reference-hdr.webp"}
-    expected |= {f"room-reference_again{suffix}.webp" for suffix in ("-de00", "-flip", "-diff")}
+    expected = {f"renders/room/{model}/{kind}.webp" for model in ("bright", "dark") for kind in pictures.KINDS}
+    expected |= {"renders/room/reference/render.webp", "renders/room/reference/hdr.webp"}
+    expected |= {f"renders/room/reference_again/{kind}.webp" for kind in ("de00", "flip", "diff")}
     assert set(names) == expected
-    assert {path.name for path in (tmp_path / "out").iterdir()} == expected | {bystander.name}
+    assert files_in(tmp_path / "out") == expected | {bystander.name}
 
 
 def test_the_tone_mapped_picture_shows_the_tone_map(renders, tmp_path):
     pictures.material_pictures(["bright"], {"room": TONE}, renders, tmp_path)
-    shown = np.array(Image.open(tmp_path / "room-bright.webp").convert("RGB")).astype(float)
+    shown = np.array(Image.open(pictures.picture_file(tmp_path, "room", "bright")).convert("RGB")).astype(float)
     assert np.abs(shown - 255 * (1 - 2**-0.6) ** (1 / 2.2)).max() <= 3  # lossy WebP
 
 
 def test_the_sign_of_a_difference_is_its_colour_and_the_background_is_transparent():
-    bright, dark, same = (pictures.scene_pictures(flat(0.4), flat(v), TONE)["-diff"] for v in (0.6, 0.2, 0.4))
+    bright, dark, same = (pictures.scene_pictures(flat(0.4), flat(v), TONE)["diff"] for v in (0.6, 0.2, 0.4))
     centre = (8, 8)
     assert bright[centre][0] > bright[centre][2] + 20  # red: too bright
     assert dark[centre][2] > dark[centre][0] + 20  # blue: too dark
@@ -87,7 +98,7 @@ def test_the_sign_of_a_difference_is_its_colour_and_the_background_is_transparen
 
 
 def test_maps_of_different_models_share_one_scale():
-    near, far = (pictures.scene_pictures(flat(0.4), flat(v), TONE)["-de00"] for v in (0.41, 0.45))
+    near, far = (pictures.scene_pictures(flat(0.4), flat(v), TONE)["de00"] for v in (0.41, 0.45))
     table = pictures.colour_table("cividis").astype(int)
 
     def place(picture):

@@ -17,6 +17,7 @@ from PIL import Image
 from pypdf import PdfReader
 
 from brdfatlas.figures.pictures import decode_hdr
+from brdfatlas.files import write_text
 from brdfatlas.measures.ranking import best_rows
 from brdfatlas.models import MODELS
 from brdfatlas.reports import formats
@@ -25,7 +26,7 @@ from brdfatlas.reports.data import (
     model_facts,
     pareto_front,
     physics_of,
-    published_table,
+    published_row,
     read_tsv,
     score_models,
     write_tsv,
@@ -139,11 +140,11 @@ def test_tables_survive_writing_and_reading(tmp_path):
 
 def test_published_figures_are_found():
     folder = ROOT / "config" / "published" / "bilgili2011"
-    row = published_table(folder, "ward", "alum-bronze")
+    row = published_row(folder, "ward", "alum-bronze")
     assert row["alpha_3"] == 0.017165
     assert row["psnr_db"] == 25.47534
-    assert published_table(folder, "tucker", "alum-bronze") == {"psnr_db": 37.8664}
-    assert published_table(folder, "ward", "no such") == {}
+    assert published_row(folder, "tucker", "alum-bronze") == {"psnr_db": 37.8664}
+    assert published_row(folder, "ward", "no such") == {}
 
 
 def test_strips_keep_order_and_extremes():
@@ -195,11 +196,11 @@ def test_failures_quirks_and_left_out_files_show(run):
 def test_pages_show_the_numbers_of_their_tables(run):
     """Whatever number stands in a material's table of errors is the one in the TSV that the page links."""
     page = run.reports / "materials/null.html"
-    table = read_tsv(run.reports / "data/null.errors.tsv")
+    table = read_tsv(run.reports / "data/materials/null/errors.tsv")
     source = read_tsv(run.root / "results/errors/null.tsv")
     pd.testing.assert_frame_equal(table, source, rtol=1e-8)
     links = [a["href"] for tag, a in Tags(page).tags if tag == "a" and "href" in a]
-    assert "../data/null.errors.tsv" in links
+    assert "../data/materials/null/errors.tsv" in links
     values = [float(a["data-value"]) for tag, a in Tags(page).tags if tag == "td" and a.get("data-value")]
     for measure in MEASURES:
         for value in table[measure.key]:
@@ -215,7 +216,7 @@ def test_published_stand_beside_ours(tmp_path):
     made.published = ROOT / "config" / "published" / "bilgili2011"
     text = Tags(made.write_material("chrome")).text
     assert "Published against ours" in text
-    table = pd.read_csv(made.reports / "data/chrome.published.tsv", sep="\t")
+    table = pd.read_csv(made.reports / "data/materials/chrome/published.tsv", sep="\t")
     ward = table[table["model"] == "ward"].set_index("parameter")
     assert ward.loc["alpha_2", "ours"] == 0.8
     published = pd.read_csv(made.published / "ward.csv").set_index("material").loc["chrome"]
@@ -302,13 +303,15 @@ def test_script_of_the_index_holds_every_number(run):
 
 def test_linear_light_travels_as_a_script(run):
     folder = run.reports / "materials/pvc"
-    match = re.fullmatch(r'window\.ATLAS_HDR\("(.+?)","(.+)"\);\n', (folder / "grove-toy_01-hdr.js").read_text())
+    match = re.fullmatch(
+        r'window\.ATLAS_HDR\("(.+?)","(.+)"\);\n', (folder / "renders/grove/toy_01/hdr.js").read_text()
+    )
     assert match[1] == "pvc/grove/toy_01"
     with Image.open(io.BytesIO(base64.b64decode(match[2]))) as image:
         radiance = decode_hdr(np.asarray(image))
     assert radiance.shape == (24, 24, 3)
     assert radiance.max() > 1
-    assert not (folder / "grove-toy_03-hdr.js").exists(), "a failed fit has no picture"
+    assert not (folder / "renders/grove/toy_03/hdr.js").exists(), "a failed fit has no picture"
 
 
 # --- PDF --------------------------------------------------------------------------------------------------------------
@@ -357,7 +360,7 @@ def test_pdf_shows_every_function_and_factor_on_its_two_pages(tmp_path):
     made = make_run(tmp_path, ["pvc"], models, ("studio",), size=24)
     folder = tmp_path / "reports/materials/pvc"
     for model in models:
-        (folder / f"functions-{model}.svg").write_bytes((folder / "lobes.svg").read_bytes())
+        write_text(folder / "functions" / f"{model}.svg", (folder / "lobes.svg").read_text())
     page = tmp_path / "pvc.pdf"
     write_material_pdf(page, **made.of("pvc"), assets=tmp_path, models=models, scenes=made.scenes)
     pages = PdfReader(page).pages
@@ -389,26 +392,3 @@ def test_physics_of_a_fit_is_the_largest_albedo_and_none_where_it_was_not_checke
     nothing = dict.fromkeys(checks)
     assert physics_of(None) == physics_of({"status": "failed"}) == nothing
     assert physics_of({"physics": checks | {"max_albedo": [0.2, None, 0.1]}})["max_albedo"] is None, "NaN in JSON"
-
-
-def test_ablation_means_compare_what_both_objectives_have():
-    """A render that failed under one objective does not count in the difference of the two."""
-    from brdfatlas.reports.ablation_page import describe, mean_rows, split_variants
-
-    variants = {f"naive.{name}": {"model": "naive", "options": {}} for name in ("published", "flat.one")}
-    rows = [
-        ("a", "naive.published", "ok", 50.0),
-        ("b", "naive.published", "ok", 30.0),
-        ("a", "naive.flat.one", "ok", 44.0),
-        ("b", "naive.flat.one", "failed", float("nan")),
-        ("a", "reference_again", "ok", 60.0),
-    ]
-    frame = pd.DataFrame(rows, columns=["material", "model", "status", "psnr_db"])
-    frame = frame.assign(scene="studio", de00_mean=1.0, flip_mean=0.1)
-    split = split_variants(frame, variants)
-    assert list(split["variant"]) == ["published", "published", "flat.one", "flat.one"]
-    first, second = mean_rows(split, ["naive"], ["published", "flat.one"])
-    assert (first["psnr_db"], first["difference"], first["count"], first["failed"]) == (40.0, 0.0, 2, 0)
-    assert (second["psnr_db"], second["difference"], second["count"], second["failed"]) == (44.0, -6.0, 1, 1)
-    assert describe("x", {}).words == "as published"
-    assert describe("x", {"power": 0, "max_angle": 80}).words == "no compressive weight, angles up to 80°"

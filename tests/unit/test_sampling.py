@@ -10,25 +10,23 @@ import pytest
 from scipy.stats import chi2
 
 from brdfatlas.angles import theta_h_centres
+from brdfatlas.export.sampler import describe_sampler, export_sampler
 from brdfatlas.fits import Fit
 from brdfatlas.microfacet import ggx_ndf
 from brdfatlas.models.published import published_parameters
 from brdfatlas.sampling import (
-    SAMPLED,
     AbcLobe,
     AshikhminShirleyLobe,
     Diffuse,
     EdwardsLobe,
     GgxLobe,
-    Mixture,
     SgdLobe,
     TabulatedLobe,
     WardLobe,
-    describe_sampler,
-    export_sampler,
     load_sampler,
+    mixture,
+    sampler_as_data,
     sampler_from,
-    sampler_of,
 )
 
 N_COS, N_PHI, FINE = 12, 24, 20
@@ -134,7 +132,7 @@ def test_missing_mass_is_the_share_of_rejected_samples(name, degrees, least):
 def test_sampler_of_a_published_fit_follows_its_pdf(model):
     """The mixture of Eqs. 40–42 with the published parameters of a broad material."""
     fit = Fit(model, "pink-felt", published_parameters(model, "pink-felt"))
-    sampler = sampler_of(fit)
+    sampler = fit.sampler()
     assert sampler.weights.sum() == pytest.approx(1)
     ratio = fit.parameters["ks"].sum() / fit.parameters["kd"].sum()
     assert sampler.weights[1] == pytest.approx(sampler.weights[0] * ratio)
@@ -147,7 +145,7 @@ def test_sampler_of_a_published_fit_follows_its_pdf(model):
 def test_sampled_albedo_is_the_integrated_one(model):
     """Unbiased: the mean of rho cos / pdf over samples, rejected ones counting zero, is the albedo."""
     fit = Fit(model, "green-latex", published_parameters(model, "green-latex"))
-    sampler, wo = sampler_of(fit), outgoing(30)
+    sampler, wo = fit.sampler(), outgoing(30)
     wi = sampler.sample(np.random.default_rng(1).random((120_000, 3)), wo)
     p = sampler.pdf(wi, wo)
     value = np.where(p > 0, fit.evaluate(wi, np.broadcast_to(wo, wi.shape))[:, 1] * wi[:, 2] / np.where(p > 0, p, 1), 0)
@@ -179,7 +177,7 @@ def test_microfacet_sampler_is_unbiased_with_little_variance(model):
     """The mean of rho cos / pdf is the integrated albedo. Sampling D cos leaves F G (wo·h) / (cos_o cos_h) of a lobe,
     which varies little."""
     fit = Fit(model, "x", MICROFACET[model])
-    sampler, wo = sampler_of(fit), outgoing(40)
+    sampler, wo = fit.sampler(), outgoing(40)
     wi = sampler.sample(np.random.default_rng(3).random((120_000, 3)), wo)
     p = sampler.pdf(wi, wo)
     value = np.where(p > 0, fit.evaluate(wi, np.broadcast_to(wo, wi.shape))[:, 1] * wi[:, 2] / np.where(p > 0, p, 1), 0)
@@ -217,18 +215,18 @@ def test_export_is_the_sampler(tmp_path):
         description = export_sampler(fit, tmp_path / f"{model}.json")
         assert description["standin"] is True
         loaded = load_sampler(tmp_path / f"{model}.json")
-        np.testing.assert_array_equal(loaded.pdf(wi, wo), sampler_of(fit).pdf(wi, wo))
+        np.testing.assert_array_equal(loaded.pdf(wi, wo), fit.sampler().pdf(wi, wo))
 
 
 def test_a_black_material_is_sampled_as_diffuse():
     black = {"kd": np.zeros(3), "ks": np.zeros(3), "alpha": np.full(3, 0.1)}
-    sampler = sampler_of(Fit("ward", "black", black))
+    sampler = Fit("ward", "black", black).sampler()
     assert sampler.weights.tolist() == [1, 0, 0, 0]
 
 
 def test_errors_name_what_is_wrong():
     with pytest.raises(ValueError, match="lawrence has no sampling procedure"):
-        sampler_of(Fit("lawrence", "chrome", {}))
+        describe_sampler(Fit("lawrence", "chrome", {}))
     with pytest.raises(ValueError, match="format"):
         sampler_from({"lobes": []})
     description = describe_sampler(Fit("ward", "x", published_parameters("ward", "pvc")))
@@ -237,10 +235,9 @@ def test_errors_name_what_is_wrong():
         sampler_from(description)
 
 
-def test_every_sampled_model_is_registered():
-    from brdfatlas.models import MODELS as registry
+def test_a_sampler_of_unknown_lobes_is_not_written():
+    class Mirror(Diffuse):
+        kind = "mirror"
 
-    assert set(SAMPLED) <= set(registry)
-    assert isinstance(
-        sampler_of(Fit("abc", "x", {"kd": [0.1] * 3, "A": [1.0] * 3, "B": [50.0], "C": [1.5], "eta": [1.5]})), Mixture
-    )
+    with pytest.raises(ValueError, match="no mixture of lobes of these kinds: diffuse"):
+        sampler_as_data(mixture(1.0, [Mirror()], [1.0]))

@@ -143,7 +143,7 @@ def test_evaluates_anywhere_as_on_the_grid_and_is_reciprocal(name):
 def test_amplitude_derivatives(name):
     """Analytic columns against central differences, in the fitted vector."""
     model = MODELS[name]
-    lower, upper = model._bounds(narrow=True)
+    lower, upper = model.bounds(narrow=True)
     for share in (0.2, 0.5, 0.8):
         x = lower + share * (upper - lower)
         columns = model.columns(x, True)
@@ -218,7 +218,7 @@ def test_sgd_moments_equal_a_plain_sum():
     weights = least_squares_weights(measured.table, "compressive")[..., 0]
     rho = np.ascontiguousarray(measured.table[..., 0])
     x = np.array([np.log(0.05), 0.9])
-    got = sgd._channel(weights, rho).moments(x, derivatives=False)
+    got = sgd.merged_channel(weights, rho).moments(x, derivatives=False)
     inverse, (log_k, _, _) = sgd.shadowing(0.05, 0.9)
     theta_h, theta_d, _ = grid_axes()
     q_i, q_o = (
@@ -247,8 +247,8 @@ def test_grouping_starts_does_not_move_the_optimum():
     """Starts are tried on samples grouped in phi_d; descending on all from any of them ends at the same minimum."""
     measured = glossy()
     weights = least_squares_weights(measured.table, "compressive")[..., 1]
-    found = sgd._fit_channel(weights, measured.table[..., 1], 16, 0)
-    full = sgd._channel(weights, measured.table[..., 1])
+    found = sgd.fit_channel(weights, measured.table[..., 1], 16, 0)
+    full = sgd.merged_channel(weights, measured.table[..., 1])
     starts = sgd.latin_starts(6, np.array([np.log(1e-4), 0.0]), np.array([0.0, 2.0]), 9)
     plain = sgd.fit_separable(full, starts, sgd.LOWER, sgd.UPPER, linear=4, follow=6, tolerance=1e-8)
     assert found.objective == pytest.approx(plain.objective, rel=1e-5)

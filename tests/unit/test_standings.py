@@ -142,17 +142,21 @@ def material(tmp_path):
     return tmp_path
 
 
+def files_in(folder):
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
 def test_a_material_gets_lobes_and_the_functions_of_the_fits_that_it_has(material):
     from brdfatlas.figures.jobs import figures_job
 
-    stale = material / "out" / "functions-gaussian.svg"
-    stale.parent.mkdir()
+    stale = material / "out" / "functions" / "gaussian.svg"
+    stale.parent.mkdir(parents=True)
     stale.write_text("left by an earlier run")
     figures_job(
-        material / "stuff.binary", ["ggx", "gaussian"], {}, material / "fits", material / "out", material / "list.json"
+        material / "stuff.binary", ["ggx", "gaussian"], material / "fits", material / "out", material / "list.json"
     )
-    assert list(read_json(material / "list.json")["figures"]) == ["functions-ggx.svg", "lobes.svg"]
-    assert {path.name for path in (material / "out").iterdir()} == {"functions-ggx.svg", "lobes.svg"}
+    assert list(read_json(material / "list.json")["figures"]) == ["functions/ggx.svg", "lobes.svg"]
+    assert files_in(material / "out") == {"functions/ggx.svg", "lobes.svg"}
     assert "GGX" in (material / "out" / "lobes.svg").read_text()
 
 
@@ -163,21 +167,19 @@ def test_a_factor_model_gets_curves_slices_weights_and_its_convergence(material)
     Fit("g_from_d", "stuff", flat).save(material / "fits" / "g_from_d.npz")
     details = {"channels": [{"history": [1.0, 0.5, 0.4]}] * 3}
     write_json(material / "fits" / "g_from_d.json", {"status": "ok", "details": details})
-    args = (material / "stuff.binary", ["ggx", "g_from_d"], {}, material / "fits", material / "out")
+    args = (material / "stuff.binary", ["ggx", "g_from_d"], material / "fits", material / "out")
     figures_job(*args, material / "list.json")
-    expected = {"lobes.svg", "functions-ggx.svg", "factors-g_from_d.svg", "convergence-g_from_d.svg"}
+    expected = {"lobes.svg", "functions/ggx.svg", "functions/g_from_d.svg", "convergence/g_from_d.svg"}
     expected |= {"slices.webp", "weights.svg"}
     assert set(read_json(material / "list.json")["figures"]) == expected
-    assert {path.name for path in (material / "out").iterdir()} == expected
+    assert files_in(material / "out") == expected
     figures_job(material / "stuff.binary", ["ggx"], *args[2:], material / "list.json")
-    assert {path.name for path in (material / "out").iterdir()} == {"lobes.svg", "functions-ggx.svg"}
+    assert files_in(material / "out") == {"lobes.svg", "functions/ggx.svg"}
 
 
 def test_a_material_without_any_fit_still_shows_its_own_lobes(material):
     from brdfatlas.figures.jobs import figures_job
 
-    figures_job(
-        material / "stuff.binary", ["gaussian"], {}, material / "fits", material / "out", material / "list.json"
-    )
+    figures_job(material / "stuff.binary", ["gaussian"], material / "fits", material / "out", material / "list.json")
     assert list(read_json(material / "list.json")["figures"]) == ["lobes.svg"]
     assert (material / "out" / "lobes.svg").stat().st_size > 1000

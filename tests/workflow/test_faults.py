@@ -16,7 +16,7 @@ import pytest
 SMALL = {"materials": ["pink-felt"], "models": ["ggx"], "pdf": False}
 FIT = "results/fits/pink-felt/ggx"
 RENDERS = "results/renders/pink-felt"
-ERRORS = "results/errors/pink-felt.tsv"
+ERRORS = "results/errors/pink-felt/images.tsv"
 #: Enough of the run for most faults: stand-in, fit, scene, three renders, errors.
 TARGET = ["--", ERRORS]
 
@@ -136,13 +136,13 @@ def test_a_second_run_beside_a_living_one_is_refused_in_one_line(finished):
 
 
 def test_damaged_intermediates_are_made_again(finished, undisturbed, differences):
-    damaged = [f"{FIT}.npz", f"{RENDERS}/ggx/studio_sphere.exr", "results/errors/pink-felt.brdf.tsv"]
+    damaged = [f"{FIT}.npz", f"{RENDERS}/ggx/studio_sphere.exr", "results/errors/pink-felt/brdf.tsv"]
     for name in damaged:
         path = finished.root / name
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     finished.snakemake("--lint")
     assert all((finished.root / name).exists() for name in damaged), "who only looks removes nothing"
-    done = finished.snakemake(*TARGET, "results/errors/pink-felt.brdf.tsv")
+    done = finished.snakemake(*TARGET, "results/errors/pink-felt/brdf.tsv")
     for name in damaged:
         assert f"{name}: damaged since it was made" in done.stdout
     assert differences(finished, undisturbed) == []
@@ -242,7 +242,7 @@ def test_failures_stop_nothing_but_are_told_in_report_and_exit_status(undisturbe
     assert "1 of 2 fits failed" in done.stdout
     assert "broken on felt: RuntimeError: the lamp is out" in done.stdout
     assert json.loads((project.root / "results/fits/felt/ggx.json").read_text())["status"] == "ok"
-    assert (project.root / "results" / "errors" / "felt.tsv").stat().st_size > 0
+    assert (project.root / "results" / "errors" / "felt" / "images.tsv").stat().st_size > 0
     pages = {path: path.read_text() for path in (project.root / "reports").rglob("*.html")}
     index = pages[project.root / "reports" / "index.html"]
     assert "the lamp is out" in "".join(pages.values())

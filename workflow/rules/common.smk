@@ -1,6 +1,6 @@
-# The run's materials, models and scenes, checked before any work, and the few helpers that rules share.
+# The run's materials, models and scenes, checked before any work, and the few helpers that rules share. Reading this
+# writes nothing.
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -11,49 +11,30 @@ from brdfatlas.pipeline.configuration import (
     files_of_scene,
     read_assets,
     read_config,
-    read_models,
-    read_variants,
 )
-from brdfatlas.pipeline.jobs import revision, versions
+from brdfatlas.models import read_entries
 from brdfatlas.pipeline.materials import find_materials
-from brdfatlas.pipeline.progress import Progress
-from brdfatlas.pipeline.recovery import record_outputs, recover
-from brdfatlas.pipeline.sources import list_sources, module_path
+from brdfatlas.pipeline.provenance import provenance, shipped
+from brdfatlas.pipeline.records import revision, versions
 from brdfatlas.rendering.scenes import read_scenes
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
-from brdfatlas.export.uber_texture import HEIGHT, MODELS_WITH_FACTORS
-from snakemake.logging import logger
-
-# Only the process that will run jobs mends what an earlier run left, and follows the jobs: no dry run, no job itself,
-# and no --lint, which Snakemake tells from a run only by this.
-STARTING = workflow.is_main_process and not workflow.output_settings.dryrun and workflow.check_envvars
+from brdfatlas.export.uber_texture import HEIGHT, has_row
 
 try:
     config = read_config(config)
-    ALL_MODELS = read_models(config["models_file"])
+    ALL_ENTRIES = read_entries(config["models_file"])
     ALL_SCENES = read_scenes(config["scenes_file"])
-    MODELS = choose(config["models"], list(ALL_MODELS), "models", config["models_file"])
+    MODELS = choose(config["models"], list(ALL_ENTRIES), "models", config["models_file"])
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
-    VARIANTS = read_variants(config["ablation"], ALL_MODELS)
     ASSETS = read_assets("config/assets.yaml")
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
-    if STARTING:
-        recover(["src", "workflow", "config", config["merl_folder"]])
-    FOUND, LEFT_OUT = find_materials(config, "results/standins", "results/materials/checks.json")
+    FOUND, LEFT_OUT, CHECKS = find_materials(config, "results/standins", "results/checks.json")
 except ValueError as error:
     raise WorkflowError(str(error)) from None
 
-# What can be fitted: the models, and those of the ablation with other options.
-FITTED = ALL_MODELS | VARIANTS
+# The rows of the run, for every job that says more of a model than its name.
+ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
 
-VERSIONS = versions()
-
-# Models of your own, for every job that loads a fit of one.
-OWN_MODELS = {name: model["source"] for name, model in ALL_MODELS.items() if model["source"]}
-os.environ.update(BRDFATLAS_MODELS=json.dumps(OWN_MODELS))
-
-if STARTING:
-    logger.addHandler(Progress("results/progress.log", workflow.resource_settings.cores or 1, finished=record_outputs))
 
 BINARIES = {material.name: material.binary for material in FOUND}
 STANDINS = {material.name for material in FOUND if material.standin}
@@ -62,12 +43,12 @@ PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)
 
-# A material that this run does not have is missed by the ablation only.
-WANTED = MATERIALS if config["ablation"]["materials"] == "all" else config["ablation"]["materials"]
-ABLATED = [name for name in WANTED if name in BINARIES]
-for name in WANTED:
-    if name not in BINARIES:
-        print(f"left out of the ablation: {name} is not a material of this run", file=sys.stderr)
+# Libraries whose versions make a result another. Each rule states what it is made of: provenance(MODULES, libraries=...).
+FITTING = ("numpy", "scipy", "numba")
+RENDERING = ("numpy", "mitsuba", "drjit")
+MEASURING = ("numpy", "numba", "scikit-image", "flip-evaluator")
+DRAWING = ("numpy", "matplotlib", "pillow", "scikit-image", "flip-evaluator")
+TEMPLATES = ("reports/templates/*.j2",)
 
 
 wildcard_constraints:
@@ -81,15 +62,6 @@ def binary_of(wildcards):
     return BINARIES[wildcards.material]
 
 
-def sources(*modules):
-    """A list of the source files that these modules depend on, with their checksums; declared as an input, so that a
-    changed file reruns what needs it."""
-    try:
-        return list_sources("results/sources", *modules)
-    except OSError as error:
-        raise WorkflowError(f"results/sources: cannot be written ({error.strerror})") from None
-
-
 def first_material_first(wildcards):
     """Priority of a job: materials are finished one after another, so that the first page is out early."""
     return len(MATERIALS) - MATERIALS.index(wildcards.material)
@@ -99,11 +71,6 @@ def neighbours(wildcards):
     """A material between those before and after it, to which its page links."""
     place = MATERIALS.index(wildcards.material)
     return MATERIALS[max(0, place - 1) : place + 2]
-
-
-def model_sources(wildcards):
-    """The model's own file and what it imports: editing one model refits that model only."""
-    return sources(FITTED[wildcards.model]["module"], "brdfatlas.fits", "brdfatlas.measures.physics")
 
 
 def scene_files(names):
@@ -126,12 +93,6 @@ def fit_of(wildcards):
     }
 
 
-def beside_site(folder, ending=""):
-    """Files of the reports package that are no modules: templates (".j2" of pages, ".typ" of the PDF) and assets."""
-    package = Path(os.path.relpath(module_path("brdfatlas.reports.site").parent))
-    return sorted(str(path) for path in (package / folder).glob(f"[!.]*{ending}"))
-
-
 def texture_rows(wildcards):
     """The materials in one of the textures of a model's factors."""
     part = int(wildcards.part)
@@ -140,4 +101,4 @@ def texture_rows(wildcards):
 
 def asset_names():
     """Names of the site's styles and scripts."""
-    return [Path(path).name for path in beside_site("assets")]
+    return [path.name for path in shipped("reports/assets/*")]

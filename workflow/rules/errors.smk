@@ -2,7 +2,6 @@
 import re
 
 TONES = {name: (ALL_SCENES[name]["exposure"], ALL_SCENES[name]["gamma"]) for name in SCENES}
-MODEL_FILES = {name: OWN_MODELS[name] for name in MODELS if name in OWN_MODELS}
 RENDERS = expand(
     "results/renders/{{material}}/{model}/{scene}.exr", model=["reference", "reference_again", *MODELS], scene=SCENES
 )
@@ -20,16 +19,15 @@ rule measure_errors:
         renders=RENDERS,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        source=sources("brdfatlas.measures.errors"),
     output:
         images=report(
-            "results/errors/{material}.tsv",
+            "results/errors/{material}/images.tsv",
             caption="../captions/errors.rst",
             category="Materials",
             subcategory="{material}",
             labels={"what": "image errors of every model"},
         ),
-        brdf="results/errors/{material}.brdf.tsv",
+        brdf="results/errors/{material}/brdf.tsv",
     log:
         "results/logs/measure_errors/{material}.log",
     benchmark:
@@ -42,8 +40,8 @@ rule measure_errors:
         mem_mb=lambda wildcards, attempt: 1200 * attempt,
         runtime=lambda wildcards, attempt: 10 * attempt,
     params:
+        provenance=provenance("brdfatlas.measures.errors", libraries=MEASURING),
         models=MODELS,
-        model_files=MODEL_FILES,
         tones=TONES,
     message:
         "measuring the errors of {wildcards.material}"
@@ -53,11 +51,10 @@ rule measure_errors:
 
 rule tabulate_errors:
     input:
-        errors=expand("results/errors/{material}.tsv", material=MATERIALS),
-        brdf=expand("results/errors/{material}.brdf.tsv", material=MATERIALS),
+        errors=expand("results/errors/{material}/images.tsv", material=MATERIALS),
+        brdf=expand("results/errors/{material}/brdf.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
-        source=sources("brdfatlas.measures.tables"),
     output:
         [f"results/tables/{table}.tsv" for table in TABLES if table not in STANDINGS_TITLES],
         [
@@ -77,6 +74,7 @@ rule tabulate_errors:
         mem_mb=600,
         runtime=5,
     params:
+        provenance=provenance("brdfatlas.measures.tables", libraries=MEASURING),
         models=MODELS,
     message:
         "means, wins and ties over all materials"

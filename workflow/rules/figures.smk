@@ -4,11 +4,10 @@
 rule draw_pictures:
     input:
         renders=RENDERS,
-        source=sources("brdfatlas.figures.pictures"),
     output:
         # Hundreds of pictures a material would burden the DAG: a list stands for them, the reference's are watched.
         listing="results/pictures/{material}.json",
-        references=expand("reports/materials/{{material}}/{scene}-reference.webp", scene=SCENES),
+        references=expand("reports/materials/{{material}}/renders/{scene}/reference/render.webp", scene=SCENES),
     log:
         "results/logs/draw_pictures/{material}.log",
     benchmark:
@@ -18,6 +17,7 @@ rule draw_pictures:
         mem_mb=lambda wildcards, attempt: 600 * attempt,
         runtime=lambda wildcards, attempt: 10 * attempt,
     params:
+        provenance=provenance("brdfatlas.figures.pictures", libraries=DRAWING),
         models=MODELS,
         tones=TONES,
         hdr=True,
@@ -28,8 +28,6 @@ rule draw_pictures:
 
 
 rule draw_bars:
-    input:
-        source=sources("brdfatlas.figures.pictures"),
     output:
         expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
     log:
@@ -41,6 +39,8 @@ rule draw_bars:
     resources:
         mem_mb=400,
         runtime=5,
+    params:
+        provenance=provenance("brdfatlas.figures.pictures", libraries=DRAWING),
     message:
         "colour bars of the error maps"
     script:
@@ -52,7 +52,6 @@ rule draw_figures:
         binary=binary_of,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        source=sources("brdfatlas.figures.jobs"),
     output:
         # Which functions there are depends on the models: a list stands for them.
         listing="results/figures/{material}.json",
@@ -72,8 +71,9 @@ rule draw_figures:
         mem_mb=lambda wildcards, attempt: 1200 * attempt,
         runtime=lambda wildcards, attempt: 10 * attempt,
     params:
+        provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
     message:
         "lobes and functions of {wildcards.material}"
     script:
@@ -82,9 +82,8 @@ rule draw_figures:
 
 rule draw_summary:
     input:
-        errors=expand("results/errors/{material}.tsv", material=MATERIALS),
+        errors=expand("results/errors/{material}/images.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
-        source=sources("brdfatlas.figures.jobs"),
     output:
         report(
             "reports/assets/summary.svg",
@@ -100,8 +99,9 @@ rule draw_summary:
         mem_mb=600,
         runtime=5,
     params:
+        provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
     message:
         "sorted errors of all models"
     script:

@@ -4,7 +4,6 @@
 rule fit_model:
     input:
         binary=binary_of,
-        source=model_sources,
     output:
         fit="results/fits/{material}/{model}.npz",
         report="results/fits/{material}/{model}.json",
@@ -17,9 +16,10 @@ rule fit_model:
         mem_mb=lambda wildcards, attempt: 1000 * attempt,
         runtime=lambda wildcards, attempt: 20 * attempt,
     params:
-        model=lambda wildcards: FITTED[wildcards.model]["model"],
-        options=lambda wildcards: FITTED[wildcards.model]["options"],
-        source=lambda wildcards: FITTED[wildcards.model]["source"],
+        provenance=lambda wildcards: provenance(
+            ALL_ENTRIES[wildcards.model].module, "brdfatlas.pipeline.jobs", libraries=FITTING
+        ),
+        entry=lambda wildcards: ALL_ENTRIES[wildcards.model].plain,
         seed=config["seed"],
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:
@@ -32,7 +32,6 @@ rule check_failures:
     input:
         reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
         report="reports/index.html",
-        source=sources("brdfatlas.pipeline.jobs"),
     output:
         "results/verdict.txt",
     log:
@@ -42,6 +41,8 @@ rule check_failures:
     resources:
         mem_mb=200,
         runtime=5,
+    params:
+        provenance=provenance("brdfatlas.pipeline.records"),
     message:
         "checking every fit for failure"
     script:

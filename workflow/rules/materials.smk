@@ -3,12 +3,12 @@
 
 # A node of a cluster may have no git: the revision is asked for where the run is started.
 localrules:
+    record_checks,
     record_run,
 
 
 rule make_standin:
     input:
-        source=sources("brdfatlas.pipeline.standins"),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES),
     output:
         "results/standins/{material}.binary",
@@ -20,6 +20,8 @@ rule make_standin:
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        provenance=provenance("brdfatlas.pipeline.standins", libraries=FITTING),
     message:
         "stand-in for {wildcards.material} from published fits"
     script:
@@ -29,7 +31,6 @@ rule make_standin:
 rule describe_material:
     input:
         binary=binary_of,
-        source=sources("brdfatlas.pipeline.jobs"),
     output:
         "results/materials/{material}.json",
     log:
@@ -41,6 +42,7 @@ rule describe_material:
         mem_mb=1000,
         runtime=10,
     params:
+        provenance=provenance("brdfatlas.pipeline.records", libraries=("numpy", "scipy")),
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:
         "describing {wildcards.material}"
@@ -48,10 +50,29 @@ rule describe_material:
         "../scripts/describe_material.py"
 
 
+rule record_checks:
+    output:
+        "results/checks.json",
+    log:
+        "results/logs/record_checks.log",
+    benchmark:
+        "results/benchmarks/record_checks.tsv"
+    priority: 1000
+    resources:
+        mem_mb=200,
+        runtime=5,
+    params:
+        checks=CHECKS,
+    message:
+        "recording which files can be used"
+    script:
+        "../scripts/record_checks.py"
+
+
 rule record_run:
     input:
+        checks="results/checks.json",
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
-        source=sources("brdfatlas.pipeline.jobs"),
     output:
         "results/run.json",
     log:
@@ -62,12 +83,13 @@ rule record_run:
         mem_mb=500,
         runtime=5,
     params:
+        provenance=provenance("brdfatlas.pipeline.records", libraries=("numpy", "scipy")),
         config=config,
-        models={name: ALL_MODELS[name]["options"] for name in MODELS},
+        models={name: ALL_ENTRIES[name].plain for name in MODELS},
         materials=BINARIES,
         left_out=[vars(item) for item in LEFT_OUT],
         revision=lambda wildcards: revision(Path.cwd()),
-        versions=VERSIONS,
+        versions=versions(),
     message:
         "recording configuration, versions and inputs"
     script:

@@ -4,7 +4,6 @@
 
 rule check_scenes:
     input:
-        source=sources("brdfatlas.rendering.scenes"),
         files=lambda wildcards: scene_files(SCENES),
     output:
         "results/scenes/checked.txt",
@@ -17,6 +16,7 @@ rule check_scenes:
         mem_mb=1500,
         runtime=10,
     params:
+        provenance=provenance("brdfatlas.rendering.scenes", libraries=RENDERING),
         scenes={name: ALL_SCENES[name] for name in SCENES},
         scenes_file=config["scenes_file"],
         variant=config["render"]["variant"],
@@ -29,7 +29,6 @@ rule check_scenes:
 rule prepare_scene:
     input:
         checked="results/scenes/checked.txt",
-        source=sources("brdfatlas.rendering.scenes"),
         files=lambda wildcards: scene_files([wildcards.scene]),
     output:
         "results/scenes/{scene}.npz",
@@ -42,6 +41,7 @@ rule prepare_scene:
         mem_mb=1500,
         runtime=10,
     params:
+        provenance=provenance("brdfatlas.rendering.scenes", libraries=RENDERING),
         definition=lambda wildcards: ALL_SCENES[wildcards.scene],
         scenes_file=config["scenes_file"],
         size=config["render"]["size"],
@@ -57,7 +57,6 @@ rule render_material:
         unpack(fit_of),
         binary=binary_of,
         scenes=expand(rules.prepare_scene.output, scene=SCENES),
-        source=sources("brdfatlas.rendering.jobs", "brdfatlas.rendering.integrator"),
     output:
         [update(f"results/renders/{{material}}/{{model}}/{scene}.exr") for scene in SCENES],
     log:
@@ -71,10 +70,9 @@ rule render_material:
         mem_mb=1500,
         runtime=30,
     params:
+        provenance=provenance("brdfatlas.rendering.jobs", libraries=RENDERING),
         scenes=SCENES,
         settings={key: config["render"][key] for key in ("samples", "batches", "seed", "variant")},
-        # Another version may draw other samples: reference and fits are rendered by one.
-        renderer={name: VERSIONS[name] for name in ("mitsuba", "drjit")},
         scene_samples={name: ALL_SCENES[name]["samples"] for name in SCENES},
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:

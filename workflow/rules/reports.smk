@@ -11,15 +11,15 @@ RUN_FILES = {
     name: {
         "facts": f"results/materials/{name}.json",
         "fits": [f"results/fits/{name}/{model}.json" for model in MODELS],
-        "errors": f"results/errors/{name}.tsv",
-        "brdf": f"results/errors/{name}.brdf.tsv",
+        "errors": f"results/errors/{name}/images.tsv",
+        "brdf": f"results/errors/{name}/brdf.tsv",
     }
     for name in MATERIALS
 }
 MATERIAL_TABLES = ["errors", "brdf", "fits", "parameters", "published"]
 MODEL_TABLES = ["errors", "fits", "parameters"]
 # Rows of a texture are materials; where there are more than it has rows, there are several.
-FACTORED = [name for name in MODELS if name in MODELS_WITH_FACTORS]
+FACTORED = [name for name in MODELS if has_row(ALL_ENTRIES[name].instance)]
 TEXTURE_PARTS = range(1, -(-len(MATERIALS) // HEIGHT) + 1)
 RUN_TABLES = ["materials", "models", "errors", "brdf", "fits", "parameters", "left_out"]
 
@@ -28,19 +28,17 @@ rule write_material_page:
     input:
         facts="results/materials/{material}.json",
         fits=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        errors="results/errors/{material}.tsv",
-        brdf="results/errors/{material}.brdf.tsv",
+        errors="results/errors/{material}/images.tsv",
+        brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
         assets=expand("reports/assets/{asset}", asset=asset_names()),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
     output:
         page="reports/materials/{material}.html",
         thumbnail="reports/materials/{material}/thumb.webp",
-        tables=expand("reports/data/{{material}}.{table}.tsv", table=MATERIAL_TABLES),
+        tables=expand("reports/data/materials/{{material}}/{table}.tsv", table=MATERIAL_TABLES),
     log:
         "results/logs/write_material_page/{material}.log",
     benchmark:
@@ -52,12 +50,13 @@ rule write_material_page:
         mem_mb=lambda wildcards, attempt: 400 * attempt,
         runtime=5,
     params:
+        provenance=provenance(SITE, files=TEMPLATES),
         pictures="reports/materials/{material}",
-        data=lambda wildcards, output: str(Path(output.tables[0]).parent),
+        data="reports/data",
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
         materials=neighbours,
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
@@ -72,11 +71,9 @@ rule write_model_pages:
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         pictures=expand("results/pictures/{material}.json", material=MATERIALS),
         assets=expand("reports/assets/{asset}", asset=asset_names()),
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
     output:
         pages=expand("reports/models/{model}.html", model=MODELS),
-        tables=expand("reports/data/model-{model}.{table}.tsv", model=MODELS, table=MODEL_TABLES),
+        tables=expand("reports/data/models/{model}/{table}.tsv", model=MODELS, table=MODEL_TABLES),
     log:
         "results/logs/write_model_pages.log",
     benchmark:
@@ -85,12 +82,13 @@ rule write_model_pages:
         mem_mb=lambda wildcards, attempt: 600 * attempt,
         runtime=10,
     params:
+        provenance=provenance(SITE, files=TEMPLATES),
         folder=lambda wildcards, output: str(Path(output.pages[0]).parent),
         files=RUN_FILES,
         pictures="reports/materials",
-        data=lambda wildcards, output: str(Path(output.tables[0]).parent),
+        data="reports/data",
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
@@ -108,8 +106,6 @@ rule write_index:
         models=expand("reports/models/{model}.html", model=MODELS),
         compare="reports/compare.html",
         viewer="reports/viewer.html",
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
     output:
         page="reports/index.html",
         script="reports/data/atlas.js",
@@ -128,10 +124,11 @@ rule write_index:
         mem_mb=lambda wildcards, attempt: 600 * attempt,
         runtime=10,
     params:
+        provenance=provenance(SITE, files=TEMPLATES),
         files=RUN_FILES,
         data=lambda wildcards, output: str(Path(output.script).parent),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
@@ -141,10 +138,6 @@ rule write_index:
 
 
 rule write_assets:
-    input:
-        source=sources(SITE),
-        templates=beside_site("templates", ".j2"),
-        assets=beside_site("assets"),
     output:
         assets=expand("reports/assets/{asset}", asset=asset_names()),
         compare="reports/compare.html",
@@ -157,6 +150,7 @@ rule write_assets:
         mem_mb=300,
         runtime=5,
     params:
+        provenance=provenance(SITE, files=(*TEMPLATES, "reports/assets/*")),
         folder=lambda wildcards, output: str(Path(output.assets[0]).parent),
         links=LINKS,
     message:
@@ -169,13 +163,11 @@ rule typeset_material:
     input:
         facts="results/materials/{material}.json",
         fits=expand("results/fits/{{material}}/{model}.json", model=MODELS),
-        errors="results/errors/{material}.tsv",
-        brdf="results/errors/{material}.brdf.tsv",
+        errors="results/errors/{material}/images.tsv",
+        brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars="reports/assets/bar-de00.svg",
-        source=sources(PDF),
-        templates=beside_site("templates", ".typ"),
     output:
         "results/pdf/{material}.pdf",
     log:
@@ -187,10 +179,11 @@ rule typeset_material:
         mem_mb=lambda wildcards, attempt: 500 * attempt,
         runtime=5,
     params:
+        provenance=provenance(PDF, files=("reports/templates/*.typ",), libraries=("typst", "pypdf")),
         pictures="reports/materials/{material}",
         assets=lambda wildcards, input: str(Path(input.bars).parent),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
     message:
         "PDF pages of {wildcards.material}"
@@ -204,8 +197,6 @@ rule write_supplement:
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         parts=expand("results/pdf/{material}.pdf", material=MATERIALS),
-        source=sources(PDF),
-        templates=beside_site("templates", ".typ"),
     output:
         report(
             "reports/supplement.pdf",
@@ -221,10 +212,11 @@ rule write_supplement:
         mem_mb=lambda wildcards, attempt: 1000 * attempt,
         runtime=10,
     params:
+        provenance=provenance(PDF, files=("reports/templates/*.typ",), libraries=("typst", "pypdf")),
         number=len(MATERIALS),
         files=RUN_FILES,
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
     message:
         "joining the PDF of {params.number} materials"
@@ -236,18 +228,19 @@ rule write_uber_texture:
     input:
         fits=lambda wildcards: expand("results/fits/{material}/{{model}}.npz", material=texture_rows(wildcards)),
         reports=lambda wildcards: expand("results/fits/{material}/{{model}}.json", material=texture_rows(wildcards)),
-        source=sources("brdfatlas.export.uber_texture"),
     output:
-        "reports/data/uber-texture-{model}-{part}.exr",
+        "reports/data/models/{model}/uber-texture-{part}.exr",
     log:
-        "results/logs/write_uber_texture/{model}-{part}.log",
+        "results/logs/write_uber_texture/{model}/{part}.log",
     benchmark:
-        "results/benchmarks/write_uber_texture/{model}-{part}.tsv"
+        "results/benchmarks/write_uber_texture/{model}/{part}.tsv"
     wildcard_constraints:
         part=r"\d+",
     resources:
         mem_mb=400,
         runtime=5,
+    params:
+        provenance=provenance("brdfatlas.export.uber_texture", libraries=("numpy",)),
     message:
         "texture of the factors of {wildcards.model}"
     script:
@@ -256,13 +249,11 @@ rule write_uber_texture:
 
 rule write_viewer:
     input:
-        textures=expand("reports/data/uber-texture-{model}-{part}.exr", model=FACTORED, part=TEXTURE_PARTS),
+        textures=expand("reports/data/models/{model}/uber-texture-{part}.exr", model=FACTORED, part=TEXTURE_PARTS),
         fits=expand("results/fits/{material}/{model}.npz", material=MATERIALS, model=MODELS),
         reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         scenes=expand("results/scenes/{scene}.npz", scene=SCENES),
-        source=sources("brdfatlas.reports.viewer"),
-        templates=beside_site("templates", ".j2"),
     output:
         page="reports/viewer.html",
         script="reports/data/viewer.js",
@@ -274,11 +265,12 @@ rule write_viewer:
         mem_mb=lambda wildcards, attempt: 800 * attempt,
         runtime=10,
     params:
+        provenance=provenance("brdfatlas.reports.viewer", files=TEMPLATES),
         data=lambda wildcards, output: str(Path(output.script).parent),
         fits=[(model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
         materials={material: f"results/materials/{material}.json" for material in MATERIALS},
-        textures=lambda wildcards, input: [Path(path).name for path in input.textures],
-        model_files=MODEL_FILES,
+        textures=lambda wildcards, input: [os.path.relpath(path, "reports/data") for path in input.textures],
+        entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:

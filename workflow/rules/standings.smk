@@ -9,8 +9,6 @@ rule write_standings:
         tables=expand("results/tables/{table}.tsv", table=STANDINGS_TABLES),
         summary="reports/assets/summary.svg",
         models=expand("reports/models/{model}.html", model=MODELS),
-        source=sources(STANDINGS),
-        templates=beside_site("templates", ".j2"),
     output:
         page="reports/standings.html",
         tables=expand("reports/data/{table}.tsv", table=STANDINGS_TABLES),
@@ -22,8 +20,9 @@ rule write_standings:
         mem_mb=400,
         runtime=5,
     params:
+        provenance=provenance(STANDINGS, files=TEMPLATES),
         models=MODELS,
-        model_files=MODEL_FILES,
+        entries=ENTRIES,
         links=LINKS,
     message:
         "page of standings"

@@ -3,8 +3,10 @@
 from pathlib import Path
 
 from brdfatlas.figures.jobs import figures_job
+from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):
     i, o, p = snakemake.input, snakemake.output, snakemake.params
-    figures_job(i.binary, p.models, p.model_files, Path(i.fits[0]).parent, Path(o.lobes).parent, o.listing)
+    use_entries(p.entries)
+    figures_job(i.binary, p.models, Path(i.fits[0]).parent, Path(o.lobes).parent, o.listing)

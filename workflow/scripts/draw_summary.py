@@ -1,8 +1,10 @@
 """Sorted errors of all models over all materials."""
 
 from brdfatlas.figures.jobs import summary_job
+from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):
     i, p = snakemake.input, snakemake.params
-    summary_job(i.errors, i.descriptions, p.models, p.model_files, snakemake.output[0])
+    use_entries(p.entries)
+    summary_job(i.errors, i.descriptions, p.models, snakemake.output[0])

@@ -1,13 +1,11 @@
-"""Fit one model to one material."""
+"""Fit one entry to one material."""
 
 from brdfatlas.pipeline.jobs import fit_job
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):
     fit_job(
-        model=snakemake.params.model,
-        source=snakemake.params.source,
-        options=snakemake.params.options,
+        entry=snakemake.params.entry,
         seed=snakemake.params.seed,
         binary=snakemake.input.binary,
         standin=snakemake.params.standin,

@@ -10,7 +10,6 @@ with logged(snakemake.log[0]):
         material=snakemake.wildcards.material,
         binary=snakemake.input.binary,
         models=snakemake.params.models,
-        model_files=snakemake.params.model_files,
         tones=snakemake.params.tones,
         renders=Path(snakemake.input.renders[0]).parents[1],
         fits=Path(snakemake.input.fits[0]).parent,

@@ -1,8 +1,8 @@
 """Write the manifest of the run."""
 
 from brdfatlas.files import write_json
-from brdfatlas.pipeline.jobs import manifest
 from brdfatlas.pipeline.logs import logged
+from brdfatlas.pipeline.records import manifest
 
 with logged(snakemake.log[0]):
     p = snakemake.params

@@ -14,6 +14,7 @@ with logged(snakemake.log[0]):
         scenes=dict(zip(p.scenes, snakemake.input.scenes, strict=True)),
         outputs=dict(zip(p.scenes, snakemake.output, strict=True)),
         settings=dict(p.settings) | {"scene_samples": p.scene_samples},
+        provenance=p.provenance,
         standin=p.standin,
         threads=snakemake.threads,
     )

@@ -1,12 +1,13 @@
 """The two PDF pages of one material."""
 
+from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
-from brdfatlas.reports.data import register_models, scene_facts
+from brdfatlas.reports.data import scene_facts
 from brdfatlas.reports.pdf import write_material_pdf
 
 with logged(snakemake.log[0]):
     i, p = snakemake.input, snakemake.params
-    register_models(p.model_files)
+    use_entries(p.entries)
     write_material_pdf(
         snakemake.output[0],
         material_file=i.facts,

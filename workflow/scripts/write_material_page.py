@@ -1,12 +1,13 @@
 """The page of one material, its tables and its thumbnail."""
 
+from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
-from brdfatlas.reports.data import register_models, scene_facts
+from brdfatlas.reports.data import scene_facts
 from brdfatlas.reports.site import write_material_page
 
 with logged(snakemake.log[0]):
     i, p = snakemake.input, snakemake.params
-    register_models(p.model_files)
+    use_entries(p.entries)
     write_material_page(
         snakemake.output.page,
         material_file=i.facts,

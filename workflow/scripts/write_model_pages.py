@@ -1,12 +1,13 @@
 """The pages of all models."""
 
+from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
-from brdfatlas.reports.data import register_models, scene_facts
+from brdfatlas.reports.data import scene_facts
 from brdfatlas.reports.site import write_model_pages
 
 with logged(snakemake.log[0]):
     p = snakemake.params
-    register_models(p.model_files)
+    use_entries(p.entries)
     write_model_pages(
         p.folder,
         files=p.files,

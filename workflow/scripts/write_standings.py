@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
+from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
-from brdfatlas.reports.data import register_models
 from brdfatlas.reports.standings_page import write_standings
 
 with logged(snakemake.log[0]):
     p, output = snakemake.params, snakemake.output
-    register_models(p.model_files)
+    use_entries(p.entries)
     write_standings(
         output.page,
         tables=Path(snakemake.input.tables[0]).parent,

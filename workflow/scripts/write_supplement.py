@@ -1,12 +1,13 @@
 """The supplement: overview, contents and the pages of every material in one PDF."""
 
+from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
-from brdfatlas.reports.data import read_run, register_models, scene_facts
+from brdfatlas.reports.data import read_run, scene_facts
 from brdfatlas.reports.pdf import write_supplement
 
 with logged(snakemake.log[0]):
     p = snakemake.params
-    register_models(p.model_files)
+    use_entries(p.entries)
     write_supplement(
         snakemake.output[0],
         run_file=snakemake.input.record,

@@ -1,12 +1,13 @@
 """The interactive viewer of the factor fits."""
 
+from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
-from brdfatlas.reports.data import register_models, scene_facts
+from brdfatlas.reports.data import scene_facts
 from brdfatlas.reports.viewer import write_viewer
 
 with logged(snakemake.log[0]):
     p = snakemake.params
-    register_models(p.model_files)
+    use_entries(p.entries)
     write_viewer(
         snakemake.output.page,
         data=p.data,

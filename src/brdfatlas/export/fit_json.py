@@ -7,14 +7,13 @@ import numpy as np
 
 from brdfatlas.files import FileFault, read_json, shown, write_json
 from brdfatlas.fits import Fit, check_fit
-from brdfatlas.models import MODELS
 
 FORMAT = "brdfatlas fit 1"
 
 
 def fit_as_json(fit: Fit) -> dict[str, Any]:
     """The fit as plain values. Numbers of float32 parameters are written with the digits that give them back."""
-    model = MODELS[fit.model]
+    model = fit.instance
     described = {parameter.name: parameter for parameter in model.parameters}
     parameters = {}
     for name, array in fit.parameters.items():
@@ -31,8 +30,10 @@ def fit_as_json(fit: Fit) -> dict[str, Any]:
     paper = model.paper
     return {
         "format": FORMAT,
+        "entry": fit.entry,
         "model": fit.model,
-        "title": model.title,
+        "source": fit.source,
+        "title": model.title_of(fit.options),
         "status": model.status or "as published",
         "formula": model.formula,
         "paper": {"authors": paper.authors, "title": paper.title, "venue": paper.venue, "year": paper.year,
@@ -74,7 +75,11 @@ def import_json(path: str | os.PathLike) -> Fit:
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             fault = shown(error) if isinstance(error, ValueError) else "it states no dtype, shape and values"
             raise ValueError(f"{name}: damaged, {shown(key)}: {fault}; export the fit again") from None
-    fit = Fit(value["model"], value["material"], parameters, value["options"], value["standin"])
+    labels = {key: value.get(key) for key in ("entry", "source")}
+    if not all(isinstance(label, str | None) for label in labels.values()):
+        raise ValueError(f"{name}: damaged, its entry or source is no text; export the fit again")
+    labels["entry"] = labels["entry"] or ""
+    fit = Fit(value["model"], value["material"], parameters, value["options"], value["standin"], **labels)
     check_fit(fit, path)
     return fit
 

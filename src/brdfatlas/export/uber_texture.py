@@ -21,13 +21,12 @@ import numpy as np
 
 from brdfatlas.files import atomic_path, read_json
 from brdfatlas.fits import Fit, load_fit
+from brdfatlas.models.base import Factors, Model
 
 WIDTH, HEIGHT = 512, 128
 D_AT, F_AT, G_AT, RHO_D_AT, RHO_S_AT = 0, 90, 180, 270, 271
 _COLUMNS = {"d": slice(D_AT, F_AT), "f": slice(F_AT, G_AT), "g": slice(G_AT, RHO_D_AT)}
 _PREFIX = "brdfatlas:"
-#: The models whose parameters are these factors.
-MODELS_WITH_FACTORS = ("independent_g", "g_from_d")
 
 
 class UberTextureError(ValueError):
@@ -44,7 +43,7 @@ class UberTexture:
     standins: tuple[str, ...] = ()
 
     def parameters(self, material: str) -> dict[str, np.ndarray]:
-        """The factors of a material as its fit holds them. KeyError for a material that is not there."""
+        """rho_d, rho_s (3,), d, f, g (3, 90) of a material. KeyError for a material that is not there."""
         if material not in self.materials:
             raise KeyError(f"no material {material!r} in this uber-texture")
         row = self.texels[self.materials.index(material)]
@@ -52,16 +51,27 @@ class UberTexture:
         return {"rho_d": row[RHO_D_AT].copy(), "rho_s": row[RHO_S_AT].copy()} | factors
 
     def fit(self, material: str) -> Fit:
-        """The material's fit."""
+        """The material's fit, for a model whose parameters have these names."""
         return Fit(self.model, material, self.parameters(material), standin=material in self.standins)
 
 
+def one_product(factors: Factors | None) -> bool:
+    """Whether factors are rho_d + rho_s D F G G / (cos cos), which a row of the texture holds."""
+    return factors is not None and factors.d.shape[1] == 1 and factors.g is not None and factors.h is None
+
+
+def has_row(model: Model) -> bool:
+    """Whether fits of a model have a row in an uber-texture."""
+    return one_product(model.factors({p.name: np.ones(p.shape, p.dtype) for p in model.parameters}))
+
+
 def build_uber_texture(fits: Sequence[Fit]) -> UberTexture:
-    """From fits of one of :data:`MODELS_WITH_FACTORS`, one a material, at most 128."""
+    """From fits of one model with one product D F G, one a material, at most 128."""
     models = {fit.model for fit in fits}
-    if len(models) != 1 or not models <= set(MODELS_WITH_FACTORS):
+    factors = [fit.factors() for fit in fits]
+    if len(models) != 1 or not all(map(one_product, factors)):
         found = ", ".join(sorted(models)) or "no fit"
-        raise UberTextureError(f"an uber-texture holds fits of one of {', '.join(MODELS_WITH_FACTORS)}, not {found}")
+        raise UberTextureError(f"an uber-texture holds fits of one of the models with one product D F G, not {found}")
     names = tuple(fit.material for fit in fits)
     if len(names) > HEIGHT:
         raise UberTextureError(f"an uber-texture holds {HEIGHT} materials, not {len(names)}; leave some out")
@@ -70,10 +80,9 @@ def build_uber_texture(fits: Sequence[Fit]) -> UberTexture:
     if any("\n" in name for name in names):
         raise UberTextureError("a material's name has a line break")
     texels = np.zeros((HEIGHT, WIDTH, 3), np.float32)
-    for row, fit in zip(texels, fits):
-        for name, where in _COLUMNS.items():
-            row[where] = np.asarray(fit.parameters[name]).T
-        row[RHO_D_AT], row[RHO_S_AT] = fit.parameters["rho_d"], fit.parameters["rho_s"]
+    for row, found in zip(texels, factors):
+        row[D_AT:F_AT], row[F_AT:G_AT], row[G_AT:RHO_D_AT] = found.d[:, 0].T, found.f[:, 0].T, found.g.T
+        row[RHO_D_AT], row[RHO_S_AT] = found.rho_d, 1 if found.rho_s is None else found.rho_s
     return UberTexture(texels, names, models.pop(), tuple(fit.material for fit in fits if fit.standin))
 
 

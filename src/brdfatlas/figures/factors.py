@@ -1,4 +1,4 @@
-"""Figures of Bagher et al. 2016 for any material and fit: factor curves, slices, weights, convergence of the starts.
+"""Figures of Bagher et al. 2016 for any material and fit: slices, weights, convergence of the starts.
 
 Each function writes one picture; the format follows the path's ending (svg, png, webp, pdf).
 """
@@ -11,60 +11,13 @@ from typing import Any
 import numpy as np
 from matplotlib import pyplot
 
-from brdfatlas.angles import N_PHI_D, grid_cosines, theta_d_centres, theta_h_centres
+from brdfatlas.angles import N_PHI_D, grid_cosines
 from brdfatlas.figures import style
 from brdfatlas.fits import Fit
 from brdfatlas.measured import Measured
 from brdfatlas.objectives import compressive_weight, importance_weight, weighted_median
 
 NO_DATA = 0.85
-
-
-def plot_factors(fits: Mapping[str, Fit], path: str | os.PathLike, *, title: str = "") -> bool:
-    """D, F and G of each fit (a row) in red, green and blue, as in the paper's Fig. 6; D over the root of theta_h.
-
-    ``fits``: by title. Fits without factors are left out; returns False, and writes nothing, if none has any.
-    """
-    fits = {name: fit for name, fit in fits.items() if {"g", "f", "d"} & set(fit.parameters)}
-    if not fits:
-        return False
-    columns = (
-        ("d", "u", "D", r"$\theta_h$ (degrees, root scale)", np.rad2deg(theta_h_centres())),
-        ("f", "v", "F", r"$\theta_d$ (degrees)", np.rad2deg(theta_d_centres())),
-        ("g", "h", "G", r"$\theta_i$, $\theta_o$ (degrees)", np.linspace(0, 90, 90)),
-    )
-    with style.paper():
-        figure, axes = pyplot.subplots(
-            len(fits), 3, figsize=(8.4, 2.2 * len(fits) + 0.4), layout="constrained", squeeze=False
-        )
-        for row, (name, fit) in zip(axes, fits.items()):
-            for axis, (key, other, symbol, label, angle) in zip(row, columns):
-                values, x = fit.parameters.get(key), angle
-                if values is None and other in fit.parameters:
-                    values = fit.parameters[other]
-                    if other == "h":
-                        symbol, label, x = "H", r"$\phi_d$ (degrees)", np.arange(N_PHI_D) + 0.5
-                if values is None:
-                    axis.set_axis_off()
-                    continue
-                for channel, (colour, line) in enumerate(zip(style.RGB, ("-", "--", ":"))):
-                    rows = np.atleast_2d(np.asarray(values)[channel])
-                    for number, curve in enumerate(rows):
-                        label_once = "RGB"[channel] if number == 0 else None
-                        axis.plot(x, curve, color=colour, linestyle=line, label=label_once)
-                if symbol == "D":
-                    axis.set_xscale("function", functions=(lambda a: np.sqrt(np.maximum(a, 0)), np.square))
-                    axis.set_xticks([1, 5, 15, 30, 50, 90])
-                axis.set_xlim(0, x[-1] + (0.5 if symbol != "G" else 0))
-                axis.set_xlabel(label)
-                axis.set_ylabel(symbol)
-                if symbol == "D":
-                    axis.set_title(name, loc="left")
-        axes[0, 0].legend()
-        if title:
-            figure.suptitle(title)
-        style.save(figure, path)
-    return True
 
 
 def compressed(values: np.ndarray, median: float) -> np.ndarray:

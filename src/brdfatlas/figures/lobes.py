@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
+from brdfatlas.constants import LUMINANCE
 from brdfatlas.figures import style
 from brdfatlas.measured import extend, look_up
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 #: incidence angles, degrees
 INCIDENCE = (15, 40, 65)
 

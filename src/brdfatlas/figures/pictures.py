@@ -1,12 +1,13 @@
 """Pictures for the report: renders, error maps, colour bars, and linear light for the page that compares.
 
-For each scene and model of a material, in one folder:
+A folder for each scene and model of a material, renders/{scene}/{model}/ (:func:`picture_file`), because names may hold
+any separator but this one:
 
-    {scene}-{model}.webp        tone-mapped render (also of "reference")
-    {scene}-{model}-de00.webp   CIEDE2000, cividis, 0 to 10; larger values are shown as 10
-    {scene}-{model}-flip.webp   FLIP, magma, 0 to 1 (the colour map of FLIP's authors)
-    {scene}-{model}-diff.webp   signed difference of luminance, blue (too dark) - white - red (too bright)
-    {scene}-{model}-hdr.webp    linear radiance, lossless
+    render.webp   tone-mapped render (also of "reference")
+    de00.webp     CIEDE2000, cividis, 0 to 10; larger values are shown as 10
+    flip.webp     FLIP, magma, 0 to 1 (the colour map of FLIP's authors)
+    diff.webp     signed difference of luminance, blue (too dark) - white - red (too bright)
+    hdr.webp      linear radiance, lossless
 
 Ranges are fixed for all, so that maps of different models, scenes and materials compare by eye; what lies outside the
 material is transparent in maps. The difference is that of exposed luminance, ln 2 exposure (Y_fit - Y_reference), 1
@@ -28,14 +29,18 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from brdfatlas.constants import LUMINANCE, REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import atomic_path, digests, write_json, write_text
-from brdfatlas.measures.errors import REFERENCE, REFERENCE_AGAIN, Tone, delta_e_map, displayed, flip_map, to_8_bit
+from brdfatlas.measures.errors import Tone, delta_e_map, displayed, flip_map, to_8_bit
 from brdfatlas.rendering.images import Render, load_render, tone_map
 
-#: Rec. 709 luminance of linear rgb.
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 DE00_RANGE = 10.0
-SUFFIXES = ("", "-de00", "-flip", "-diff", "-hdr")
+KINDS = ("render", "de00", "flip", "diff", "hdr")
+
+
+def picture_file(folder: str | os.PathLike, scene: str, model: str, kind: str = "render") -> Path:
+    """The file of one picture of a material; ``folder``: the material's, ``kind``: one of :data:`KINDS`."""
+    return Path(folder) / "renders" / scene / model / f"{kind}.webp"
 
 
 def colour_table(name: str) -> np.ndarray:
@@ -92,19 +97,19 @@ def write_webp(path: str | os.PathLike, pixels: np.ndarray, *, lossless: bool = 
 
 
 def scene_pictures(reference: Render, image: Render, tone: Tone, *, hdr: bool = True) -> dict[str, np.ndarray]:
-    """The pictures of one model and scene by their suffix ("", "-de00", "-flip", "-diff", "-hdr"), uint8."""
+    """The pictures of one model and scene by their kind, uint8."""
     mask = reference.mask
     shown, compared = displayed(reference, image, tone)
     delta = np.zeros(mask.shape)
     delta[mask] = delta_e_map(reference.mean[mask], image.mean[mask], tone.exposure)
     signed = signed_root(luminance_difference(reference.mean, image.mean, tone.exposure))
     pictures = {
-        "": to_8_bit(tone_map(image.mean, *tone)),
-        "-de00": apply_colours(delta / DE00_RANGE, colour_table("cividis"), mask),
-        "-flip": apply_colours(flip_map(shown, compared), colour_table("magma"), mask),
-        "-diff": apply_colours(signed, colour_table("RdBu_r"), mask),
+        "render": to_8_bit(tone_map(image.mean, *tone)),
+        "de00": apply_colours(delta / DE00_RANGE, colour_table("cividis"), mask),
+        "flip": apply_colours(flip_map(shown, compared), colour_table("magma"), mask),
+        "diff": apply_colours(signed, colour_table("RdBu_r"), mask),
     }
-    return pictures | ({"-hdr": encode_hdr(image.mean)} if hdr else {})
+    return pictures | ({"hdr": encode_hdr(image.mean)} if hdr else {})
 
 
 def material_pictures(
@@ -115,7 +120,7 @@ def material_pictures(
     *,
     hdr: bool = True,
 ) -> list[str]:
-    """Write all pictures of one material into ``folder``; returns the names of the files, sorted.
+    """Write all pictures of one material into ``folder``; returns the files below ``folder``, sorted.
 
     ``renders`` holds {model}/{scene}.exr. A model that failed gets none, and pictures that an earlier run left for
     it are removed. The noise floor ("reference_again") gets its maps only.
@@ -128,12 +133,12 @@ def material_pictures(
             pictures = {}
             if image.meta.get("status", "ok") == "ok" and np.isfinite(image.mean).all():
                 pictures = scene_pictures(reference, image, tone, hdr=hdr)
-            keep = {REFERENCE: ("", "-hdr"), REFERENCE_AGAIN: ("-de00", "-flip", "-diff")}.get(model, SUFFIXES)
-            for suffix in SUFFIXES:
-                path = folder / f"{scene}-{model}{suffix}.webp"
-                if suffix in keep and suffix in pictures:
-                    write_webp(path, pictures[suffix], lossless=suffix == "-hdr")
-                    written.append(path.name)
+            keep = {REFERENCE: ("render", "hdr"), REFERENCE_AGAIN: ("de00", "flip", "diff")}.get(model, KINDS)
+            for kind in KINDS:
+                path = picture_file(folder, scene, model, kind)
+                if kind in keep and kind in pictures:
+                    write_webp(path, pictures[kind], lossless=kind == "hdr")
+                    written.append(path.relative_to(folder).as_posix())
                 else:
                     path.unlink(missing_ok=True)
     return sorted(written)
@@ -148,7 +153,7 @@ def pictures_job(
     *,
     hdr: bool = True,
 ) -> None:
-    """Write the pictures of one material and a list of them, {"pictures": {name: SHA-256}}, which changes with any of
+    """Write the pictures of one material and a list of them, {"pictures": {file: SHA-256}}, which changes with any of
     them; ``tones``: scene -> (exposure, gamma)."""
     named = {scene: Tone(*tone) for scene, tone in tones.items()}
     written = material_pictures(models, named, renders, folder, hdr=hdr)

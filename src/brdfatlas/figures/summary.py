@@ -7,21 +7,20 @@ import numpy as np
 import pandas as pd
 from matplotlib import pyplot
 
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.figures import style
-
-NOT_MODELS = ("reference", "reference_again")
 
 
 def mean_psnr(errors: pd.DataFrame, column: str = "psnr_db") -> pd.DataFrame:
     """PSNR averaged over scenes: materials x models, NaN where a fit failed.
 
-    ``errors``: rows with material, model, scene and ``column`` (results/errors/*.tsv, one after the other). An infinite
-    PSNR (equal images) counts as 100 dB. ValueError names a missing column.
+    ``errors``: rows with material, model, scene and ``column`` (results/errors/*/images.tsv in turn). An infinite PSNR
+    (equal images) counts as 100 dB. ValueError names a missing column.
     """
     for name in ("material", "model", "scene", column):
         if name not in errors:
             raise ValueError(f"errors: no column {name!r}")
-    rows = errors[~errors["model"].isin(NOT_MODELS)]
+    rows = errors[~errors["model"].isin((REFERENCE, REFERENCE_AGAIN))]
     values = pd.to_numeric(rows[column], errors="coerce").replace(np.inf, 100.0)
     return rows.assign(value=values).pivot_table("value", "material", "model", aggfunc="mean", dropna=False, sort=False)
 

@@ -3,13 +3,11 @@
 import numpy as np
 
 from brdfatlas.angles import cell_widths, theta_h_centres
+from brdfatlas.constants import LUMINANCE
 from brdfatlas.measured import Measured
 from brdfatlas.models.bagher2016.naive import naive_problem
 from brdfatlas.objectives import compressive_weight, importance_weight
 from brdfatlas.solvers.acceleration import Trace, accelerate, alternate
-
-#: Rec. 709.
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def mean_of_d(d: np.ndarray) -> float:
@@ -26,7 +24,7 @@ def diffuseness(measured: Measured) -> float:
     The naive model is fitted to the luminance alone (the paper averages three such fits), coarsely: D's shape is
     settled long before the last digit of the objective.
     """
-    luminance = measured.table @ LUMINANCE
+    luminance = measured.table @ LUMINANCE.astype(np.float32)
     importance = importance_weight(measured.valid)
     if not importance.any():
         return float("nan")

@@ -23,11 +23,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
 from brdfatlas.measured import Measured, read_merl
 from brdfatlas.measures.tsv import write_tsv
-from brdfatlas.models import MODELS
 from brdfatlas.objectives import compressive_weights, cosine_weighted, loew_e2, log_deviation, relative_objective
 from brdfatlas.rendering.images import Render, load_render, tone_map
 
@@ -43,8 +43,6 @@ IMAGE_MEASURES = (
     "rel_mse",
 )
 BRDF_MEASURES = ("objective_compressive", "loew_e2", "cosine_weighted", "log_deviation")
-#: Names of the two renders of the measured table itself.
-REFERENCE, REFERENCE_AGAIN = "reference", "reference_again"
 #: An estimate of the MSE below this many standard errors is not told apart from zero; PSNR is then a lower bound.
 DETECTION = 2.0
 
@@ -112,7 +110,7 @@ def jackknife_error(without: np.ndarray) -> float:
     return float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
 
 
-def told_apart(value: float, spread: float) -> tuple[float, bool]:
+def above_noise(value: float, spread: float) -> tuple[float, bool]:
     """An estimate of an MSE and True; where it is below DETECTION standard errors, so that zero explains it as well,
     the upper bound max(value, 0) + DETECTION spread and False."""
     if value > DETECTION * spread:
@@ -146,8 +144,8 @@ def linear_errors(reference: Render, image: Render, *, unbiased: bool = True) ->
     relative, relative_without = mean_squared_error(batch_products(a * scale, b * scale), unbiased=unbiased)
     seen = True
     if unbiased and n > 2:
-        value, seen = told_apart(value, jackknife_error(without))
-        relative, _ = told_apart(relative, jackknife_error(relative_without))
+        value, seen = above_noise(value, jackknife_error(without))
+        relative, _ = above_noise(relative, jackknife_error(relative_without))
     elif value <= 0:
         raise ValueError("two batches are too few to bound an error below the noise; render at least three")
     peaks = np.array([(covered * n - batch).max() / (n - 1) for batch in a]) if n > 1 else np.array([peak])
@@ -320,7 +318,6 @@ def errors_job(
     material: str,
     binary: str | os.PathLike,
     models: Sequence[str],
-    model_files: Mapping[str, str],
     tones: Mapping[str, Sequence[float]],
     renders: str | os.PathLike,
     fits: str | os.PathLike,
@@ -329,10 +326,8 @@ def errors_job(
 ) -> None:
     """Write the two tables of one material, of :func:`material_errors` and :func:`material_brdf_errors`.
 
-    ``model_files``: name -> path of models outside the package; ``tones``: scene -> (exposure, gamma).
+    ``tones``: scene -> (exposure, gamma).
     """
-    for name, path in model_files.items():
-        MODELS.register_file(name, path)
     images = material_errors(material, models, {scene: Tone(*tone) for scene, tone in tones.items()}, renders)
     brdf = material_brdf_errors(read_merl(binary), models, fits)
     write_tsv(images_path, images)

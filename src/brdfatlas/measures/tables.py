@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from brdfatlas.constants import REFERENCE_AGAIN
 from brdfatlas.files import read_json
-from brdfatlas.measures.errors import BRDF_MEASURES, IMAGE_MEASURES, REFERENCE_AGAIN
+from brdfatlas.measures.errors import BRDF_MEASURES, IMAGE_MEASURES
 from brdfatlas.measures.ranking import count_missing, subtract, told_apart
 from brdfatlas.measures.tsv import read_tsv, write_tsv
 from brdfatlas.models.published import published_means, published_names, published_psnr

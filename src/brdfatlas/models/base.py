@@ -1,14 +1,16 @@
 """What a model is: a paper, its parameters, ``fit`` and ``evaluate``. Everything else works with that alone."""
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from typing import Any, ClassVar
 
 import numpy as np
 
-from brdfatlas.angles import GRID_SHAPE, directions, grid_axes
+from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes
+from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.sampling import Sampler
 
@@ -91,12 +93,19 @@ class Option:
         return f"is not a {'whole ' if whole else ''}number{ends}"
 
 
+def objective_option(default: str) -> Option:
+    """The option ``objective`` of parametric models, with a model's own default."""
+    text = "what is minimised: Bagher 2016's compressive metric, Löw 2012's E2, or Ngan 2005's cosine-weighted metric"
+    return Option(default, text, tuple(OBJECTIVE_NAMES))
+
+
 @dataclass(frozen=True)
 class Function:
     """One named function of a fit, for figures, exports and the viewer.
 
-    ``symbol``: "D", "F", "G", "G1" ...; ``axis``: "theta_h", "theta_d", "phi_d" or "theta"; ``angle`` (n,) in radians;
-    ``values`` (n,), or (n, 3) where rgb differ; ``unit`` of the values.
+    ``symbol``: "D", "F", "G", "G1" ..., once for each term of a sum; ``axis``: "theta_h", "theta_d", "phi_d" or "theta"
+    (of either direction); ``angle`` (n,) in radians, rising; ``values`` (n,), or (n, 3) where rgb differ; ``unit`` of
+    the values.
     """
 
     symbol: str
@@ -108,10 +117,13 @@ class Function:
 
 @dataclass(frozen=True)
 class Factors:
-    """A fit as a sum of products, rho_d + sum_k d_k(theta_h) f_k(theta_d) h(phi_d) G(theta_i) G(theta_o) / (cos cos).
+    """A fit as a sum of products, never below 0:
 
-    ``rho_d`` (3,), ``d`` and ``f`` (3, k, 90) at the cells of the MERL grid; ``g`` (3, 90) at its nodes, 0 to 90
-    degrees, None where the model has no G / cos; ``h`` (3, 180) at the phi_d cells, None where it is 1.
+        rho_d + rho_s sum_k d_k(theta_h) f_k(theta_d) h(phi_d) G(theta_i) G(theta_o) / (cos theta_i cos theta_o)
+
+    ``rho_d`` (3,), ``d`` and ``f`` (3, k, 90) at the cells of the MERL grid; ``g`` (3, 90) at nodes evenly spaced over
+    0 to 90 degrees, linear between them as the cosines are, None where the model has no G / cos; ``h`` (3, 180) at the
+    phi_d cells, None where it is 1; ``rho_s`` (3,), None where it is 1.
     """
 
     rho_d: np.ndarray
@@ -119,6 +131,7 @@ class Factors:
     f: np.ndarray
     g: np.ndarray | None = None
     h: np.ndarray | None = None
+    rho_s: np.ndarray | None = None
 
 
 @dataclass
@@ -156,7 +169,7 @@ class Model(ABC):
     status: ClassVar[str] = ""
     #: False for the few published models that are not reciprocal; reports flag them.
     reciprocal: ClassVar[bool] = True
-    #: True where options or the material choose how many numbers a fit has; ``parameters`` then states the default.
+    #: True where the material chooses how many numbers a fit has; ``parameters`` then states the most common size.
     variable_size: ClassVar[bool] = False
 
     @property
@@ -181,11 +194,10 @@ class Model(ABC):
         """The model at every cell centre of the MERL grid, (90, 90, 180, 3) float32; cells below the horizon may
         hold anything. Override where the structure of the model allows more speed."""
         theta_h, theta_d, phi_d = grid_axes()
-        table = np.empty((*GRID_SHAPE, 3), np.float32)
-        for row in range(GRID_SHAPE[0]):
+        table = np.zeros((*GRID_SHAPE, 3), np.float32)
+        for row, seen in enumerate(above_horizon()):
             wi, wo = directions(theta_h[row], theta_d[0], phi_d[0])
-            with np.errstate(all="ignore"):
-                table[row] = numbers(self.evaluate(parameters, wi, wo))
+            table[row][seen] = numbers(self.evaluate(parameters, wi[seen], wo[seen]))
         return table
 
     # What a model may say of itself beside its values: code outside models/ asks these and never tests a name.
@@ -196,7 +208,8 @@ class Model(ABC):
     def title_of(self, options: Mapping[str, Any]) -> str:
         """The title of an entry with these options; by default the options that differ from their defaults stand
         behind it."""
-        changed = [f"{key} {value}" for key, value in options.items() if value != self.options[key].default]
+        defaults = {key: option.default for key, option in self.options.items()}
+        changed = [f"{key} {value}" for key, value in options.items() if value != defaults.get(key)]
         return f"{self.title} ({', '.join(changed)})" if changed else self.title
 
     def parameters_of(self, options: Mapping[str, Any]) -> tuple[Parameter, ...]:
@@ -210,6 +223,23 @@ class Model(ABC):
             if parameters[parameter.name].shape != parameter.shape:
                 return f"{parameter.name} has shape {parameters[parameter.name].shape}, not {parameter.shape}"
         return ""
+
+    def with_options(self, options: Mapping[str, Any]) -> "Model":
+        """This model with other defaults, and the title and the parameters that follow from them: an entry's model.
+
+        ValueError for options that the model does not have.
+        """
+        if not options:
+            return self
+        chosen = self.check_options(options)
+        model = copy.copy(self)
+        stated = {
+            "title": self.title_of(options),
+            "parameters": self.parameters_of(chosen),
+            "options": {key: replace(option, default=chosen[key]) for key, option in self.options.items()},
+        }
+        vars(model).update(stated)
+        return model
 
     def sampler(self, parameters: Parameters) -> Sampler | None:
         """The importance sampler of a fit, None for a model without a sampling procedure."""

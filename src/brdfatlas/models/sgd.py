@@ -23,9 +23,22 @@ import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, grid_cosines, half_difference, theta_d_centres, theta_h_centres
 from brdfatlas.compiled import njit
+from brdfatlas.constants import E2_ANGLE, MAX_ANGLE, OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
-from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result
+from brdfatlas.microfacet import schlick_weight
+from brdfatlas.models.base import (
+    FitError,
+    Function,
+    Model,
+    Option,
+    Paper,
+    Parameter,
+    Parameters,
+    Result,
+    objective_option,
+)
 from brdfatlas.objectives import least_squares_weights
+from brdfatlas.sampling import Mixture, SgdLobe, mixture
 from brdfatlas.solvers.least_squares import Moments, NoFiniteStartError, Solution, fit_separable, latin_starts
 
 #: F stays below this at any angle: the least share of (1 - cos)^5 in every Fresnel term is its inverse.
@@ -36,13 +49,6 @@ N_HALF = GRID_SHAPE[2] // 2
 #: How many neighbouring phi_d are taken together while starts are tried.
 GROUP = 10
 QUADRATURE = np.polynomial.legendre.leggauss(64)
-OBJECTIVE_NAMES = {
-    "compressive": "compressive (Bagher 2016), relative, rgb averaged",
-    "cosine": "cosine-weighted root mean square (Ngan 2005)",
-    "e2": "E2 (Löw 2012)",
-}
-#: Löw et al. 2012 sum E2 over theta_h and theta_d up to here.
-E2_ANGLE = np.deg2rad(80.0)
 
 
 class SGD(Model):
@@ -72,11 +78,7 @@ class SGD(Model):
         Parameter("F1", (3,), "part of the Fresnel term with cos theta_d, rgb", "", -MAX_FRESNEL, MAX_FRESNEL),
     )
     options: ClassVar[Mapping[str, Option]] = {
-        "objective": Option(
-            "compressive",
-            "what is minimised: Bagher 2016's compressive metric, Löw 2012's E2, or Ngan 2005's cosine-weighted one",
-            tuple(OBJECTIVE_NAMES),
-        ),
+        "objective": objective_option("compressive"),
         "starts": Option(48, "how many starts are tried in each channel", low=1),
     }
 
@@ -96,9 +98,9 @@ class SGD(Model):
             for c in range(3):
                 rho = measured.table[..., c]
                 if weights is None:
-                    solution = _fit_channel_e2(rho, chosen["starts"], seed + c)
+                    solution = fit_channel_e2(rho, chosen["starts"], seed + c)
                 else:
-                    solution = _fit_channel(weights[..., c], rho, chosen["starts"], seed + c)
+                    solution = fit_channel(weights[..., c], rho, chosen["starts"], seed + c)
                 found.append(solution)
                 alpha, p = np.exp(solution.x[0]), solution.x[1]
                 numbers = natural(solution.linear[0])
@@ -142,16 +144,41 @@ class SGD(Model):
             _fill(shape / np.pi, rho_d / np.pi, inverse[0], *area_positions(), table, c)
         return table
 
+    def sampler(self, parameters: Parameters) -> Mixture:
+        """One lobe a channel. Its albedo at normal incidence is 4/pi rho_s F(0), shadowing left out; F is averaged over
+        the hemisphere instead, because fits may have F(0) = 0."""
+        rho_d, rho_s, alpha, p, f0, f1 = (np.asarray(parameters[q.name], float) for q in self.parameters)
+        fresnel_mean = f0 - f1 * (2 / 3) + (1 - f0) / 21  # int 2 cos F dcos
+        weights = 4 / np.pi * rho_s * np.maximum(fresnel_mean, 0)
+        return mixture(rho_d.sum(), [SgdLobe(float(a), float(b)) for a, b in zip(alpha, p)], weights)
+
+    def functions(self, parameters: Parameters) -> tuple[Function, ...]:
+        """D with int D cos = 1, F and the Smith G1, rgb."""
+        theta_h, theta_d, theta = theta_h_centres(), theta_d_centres(), np.linspace(0, MAX_ANGLE, 90)
+        d, f, g1 = np.empty((90, 3)), np.empty((90, 3)), np.empty((90, 3))
+        for c in range(3):
+            _, _, alpha, p, f0, f1 = (float(parameters[q.name][c]) for q in self.parameters)
+            inverse, log_k = shadowing(alpha, p)[:2]
+            d[:, c] = distribution(np.tan(theta_h) ** 2, alpha, p, log_k[0])[0]
+            f[:, c] = fresnel(np.cos(theta_d), f0, f1)
+            area = np.interp(np.sqrt(np.cos(theta)) * N_AREA, np.arange(N_AREA + 1), inverse[0])
+            g1[:, c] = np.minimum(np.cos(theta) * area, 1)
+        return (
+            Function("D", "theta_h", theta_h, d, "1/sr"),
+            Function("F", "theta_d", theta_d, f),
+            Function("G1", "theta", theta, g1),
+        )
+
 
 def fresnel(cos_d, f0, f1):
     """F0 - F1 cos + (1 - F0)(1 - cos)^5."""
-    return f0 - f1 * cos_d + (1 - f0) * (1 - cos_d) ** 5
+    return f0 - f1 * cos_d + (1 - f0) * schlick_weight(cos_d)
 
 
 def fresnel_basis(cos_d: np.ndarray) -> np.ndarray:
     """Three functions >= 0 of cos theta_d whose combinations with coefficients >= 0 are rho_s F, with F >= 0 and
     F0, F0 - F1 <= MAX_FRESNEL; (3, n)."""
-    grazing = (1 - cos_d) ** 5
+    grazing = schlick_weight(cos_d)
     least = grazing / MAX_FRESNEL
     return np.stack([grazing, cos_d + least, 1 - cos_d - grazing + least])
 
@@ -376,16 +403,16 @@ class _Channel:
 LOWER, UPPER = np.array([np.log(1e-7), 0.0]), np.array([np.log(20.0), 4.0])
 
 
-def _channel(weights: np.ndarray, rho: np.ndarray) -> _Channel:
+def merged_channel(weights: np.ndarray, rho: np.ndarray) -> _Channel:
     shape = (*GRID_SHAPE[:2], N_HALF)
     merged, target = np.empty(shape), np.empty(shape)
     sums = _merge(np.ascontiguousarray(weights), np.ascontiguousarray(rho), merged, target)
     return _Channel(merged, target, area_positions(), sums)
 
 
-def _fit_channel(weights: np.ndarray, rho: np.ndarray, n_starts: int, seed: int) -> Solution:
+def fit_channel(weights: np.ndarray, rho: np.ndarray, n_starts: int, seed: int) -> Solution:
     """Starts are tried and followed on grouped samples; the best are followed to the end on all."""
-    full = _channel(weights, rho)
+    full = merged_channel(weights, rho)
     starts = latin_starts(n_starts, np.array([np.log(1e-5), 0.0]), np.array([0.0, 2.0]), seed)
     rough = fit_separable(
         full.grouped(), starts, LOWER, UPPER, linear=4, follow=4, separation=0.1, max_iterations=40, tolerance=1e-5
@@ -394,7 +421,7 @@ def _fit_channel(weights: np.ndarray, rho: np.ndarray, n_starts: int, seed: int)
     return replace(found, starts=rough.starts)
 
 
-def _fit_channel_e2(rho: np.ndarray, n_starts: int, seed: int) -> Solution:
+def fit_channel_e2(rho: np.ndarray, n_starts: int, seed: int) -> Solution:
     """Löw's E2 of one channel by Gauss-Newton in the model's values: ln(1 + f cos) is linearised about the present f,
     which leaves a weighted sum of squares with a moved target; first about the material, from many starts. A step that
     does not lower E2 is not taken. Where none does, the gradients of both agree and the fit has converged."""
@@ -406,7 +433,7 @@ def _fit_channel_e2(rho: np.ndarray, n_starts: int, seed: int) -> Solution:
     cosine = np.where(keep, np.maximum(grid_cosines()[0], 0), 0).astype(float)
     measured = np.where(keep, rho, 0).astype(float)
     wanted = np.log1p(measured * cosine)
-    solution = _fit_channel((cosine / (1 + measured * cosine)) ** 2, measured, n_starts, seed)
+    solution = fit_channel((cosine / (1 + measured * cosine)) ** 2, measured, n_starts, seed)
     best, tried, history, settled = solution, solution.starts, [], False
     table = np.empty((*GRID_SHAPE, 1))
     for _ in range(30):
@@ -434,7 +461,14 @@ def _fit_channel_e2(rho: np.ndarray, n_starts: int, seed: int) -> Solution:
         slope = np.where(keep, cosine / (1 + f * cosine), 0)
         target = f - np.where(keep, residual / np.where(keep, slope, 1), 0)
         solution = fit_separable(
-            _channel(slope**2, target), solution.x, LOWER, UPPER, linear=4, follow=1, max_iterations=20, tolerance=1e-7
+            merged_channel(slope**2, target),
+            solution.x,
+            LOWER,
+            UPPER,
+            linear=4,
+            follow=1,
+            max_iterations=20,
+            tolerance=1e-7,
         )
     return replace(
         best,

@@ -1,72 +1,13 @@
 """The configuration: read, completed with defaults, checked. Every fault is one line with file, key and remedy."""
 
-import inspect
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from brdfatlas.models import BUILTIN, MODELS
 from brdfatlas.rendering.scenes import SceneError, check_settings
 from brdfatlas.settings import ConfigError, check, check_name, read_yaml
 
 SCHEMAS = Path("workflow") / "schemas"
-#: Names that the pipeline uses beside models.
-RESERVED = {"reference", "reference_again"}
-
-
-def read_models(path: str | Path) -> dict[str, dict[str, Any]]:
-    """config/models.yaml: name -> {"model": the name, "options": of its fit, "module": its module or file,
-    "source": the file of a model that is not part of an installed package, else None}.
-
-    Registers the models that have a source. Each model's own options are checked by the model.
-    """
-    models = check(read_yaml(path), read_yaml(SCHEMAS / "models.schema.yaml"), str(path))
-    for name, options in models.items():
-        check_name(name, str(path))
-        if name in RESERVED:
-            raise ConfigError(f"{path}: {name}: this name is reserved, choose another")
-        options = models[name] = dict(options or {})
-        source = options.pop("source", None)
-        if source:
-            MODELS.register_file(name, source)
-        try:
-            MODELS[name].check_options(options)
-        except KeyError as error:
-            raise ConfigError(f"{path}: {name}: {error.args[0]}; a model of your own needs source: FILE.py") from None
-        except (ValueError, ImportError) as error:
-            raise ConfigError(f"{path}: {name}: {error}".replace("\n", " ")) from None
-        models[name] = _model(name, options, source)
-    return models
-
-
-def _model(name: str, options: dict[str, Any], source: str | None = None) -> dict[str, Any]:
-    module = source or BUILTIN.get(name) or inspect.getfile(type(MODELS[name]))
-    return {"model": name, "options": options, "module": module, "source": source}
-
-
-def read_variants(ablation: Mapping[str, Any], models: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """The fits of an ablation, "model.variant" -> what :func:`read_models` gives for a model, with the variant's
-    options put over those of the models file.
-
-    ConfigError for an unknown model or an option that it does not have.
-    """
-    variants = {}
-    for name in ablation["models"]:
-        if name not in models and name not in MODELS:
-            raise ConfigError(f"config: ablation.models: {name!r} is not known; known: {', '.join(MODELS)}")
-        entry = models.get(name) or _model(name, {})
-        for variant, options in ablation["variants"].items():
-            check_name(variant, "config: ablation.variants")
-            options = {**entry["options"], **options}
-            try:
-                MODELS[name].check_options(options)
-            except ValueError as error:
-                raise ConfigError(f"config: ablation.variants.{variant}: {error}") from None
-            variants[f"{name}.{variant}"] = {**entry, "options": options}
-    taken = variants.keys() & models.keys()
-    if taken:
-        raise ConfigError(f"config: ablation.variants: a model is already called {min(taken)!r}; rename the variant")
-    return variants
 
 
 def read_assets(path: str | Path) -> dict[str, dict[str, Any]]:

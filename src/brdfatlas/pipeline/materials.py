@@ -1,12 +1,14 @@
 """The materials of a run: what is in the folder, what of it can be used, and why the rest is left out."""
 
+import os
 import sys
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from brdfatlas.files import read_json, write_json
+from brdfatlas.files import read_json
 from brdfatlas.measured import MeasuredError, read_merl
 from brdfatlas.objectives import importance_weight
 from brdfatlas.pipeline.configuration import choose
@@ -37,13 +39,13 @@ class LeftOut:
 
 def find_materials(
     config: Mapping[str, Any], standins_folder: str, checks: str | Path
-) -> tuple[list[Material], list[LeftOut]]:
-    """Materials of the run and what is left out of it.
+) -> tuple[list[Material], list[LeftOut], dict[str, dict[str, str]]]:
+    """Materials of the run, what is left out of it, and the verdicts on all files.
 
-    MERL files of ``config["merl_folder"]`` if it holds any, else built-in stand-ins, with a line that says so. Every
-    file is read and checked once; verdicts are kept in ``checks`` by size and time stamp. ConfigError for an unknown
-    name, for nothing at all to work on, for files that are not quite where they are looked for, and under ``strict``
-    for the first file that cannot be used, and for none.
+    MERL files of ``config["merl_folder"]`` if it holds any, else built-in stand-ins, with a line that says so. A file
+    is read whole unless ``checks``, the verdicts that a job of an earlier run wrote, know its size and time stamp.
+    Nothing is written. ConfigError for an unknown name, for nothing at all to work on, for files that are not quite
+    where they are looked for, and under ``strict`` for the first file that cannot be used, and for none.
     """
     folder = Path(config["merl_folder"])
     found = sorted(folder.glob("*.binary")) if folder.is_dir() else []
@@ -56,16 +58,17 @@ def find_materials(
         names = choose(wanted, known, "materials", "config") if wanted != "all" else None
         if names is None:
             names = choose(config["standins"], known, "standins", "config")
-        return [Material(name, f"{standins_folder}/{name}.binary", True) for name in names], []
+        return [Material(name, f"{standins_folder}/{name}.binary", True) for name in names], [], {}
     names = choose(wanted, list(files), "materials", f"config (files in {folder})")
-    verdicts = _checked({name: files[name] for name in names}, Path(checks))
-    left_out = [LeftOut(name, str(files[name]), reason) for name, reason in verdicts.items() if reason]
+    verdicts = check_files({name: files[name] for name in names}, checks)
+    reasons = {name: verdicts[str(files[name])]["reason"] for name in names}
+    left_out = [LeftOut(name, str(files[name]), reason) for name, reason in reasons.items() if reason]
     if left_out and config["strict"]:
         raise ConfigError(f"{left_out[0].reason} (strict: true; mend or remove the file, or set strict: false)")
-    usable = [Material(name, str(files[name]), False) for name in names if not verdicts[name]]
+    usable = [Material(name, str(files[name]), False) for name in names if not reasons[name]]
     if not usable:
         raise ConfigError(f"{folder}: no file there can be used: {left_out[0].reason}")
-    return usable, left_out
+    return usable, left_out, verdicts
 
 
 def _say_standins(folder: Path, strict: bool) -> None:
@@ -82,26 +85,24 @@ def _say_standins(folder: Path, strict: bool) -> None:
     print(f"{fault}; built-in stand-ins are used", file=sys.stderr)
 
 
-def _checked(files: Mapping[str, Path], checks: Path) -> dict[str, str]:
-    """name -> "" if the file is good, else why not."""
+def check_files(files: Mapping[str, Path], checks: str | Path) -> dict[str, dict[str, str]]:
+    """path -> {"stamp": edition, size, time stamp, mode; "reason": "" if the file is good, else why not}."""
     try:
         known = read_json(checks)
     except (OSError, ValueError):
         known = {}
-    fresh, verdicts = {}, {}
-    for name, path in files.items():
+
+    def verdict(name: str, path: Path) -> dict[str, str]:
         try:
             status = path.stat()
             stamp = f"{EDITION} {status.st_size} {status.st_mtime_ns} {status.st_mode}"
         except OSError:
             stamp = ""
         old = known.get(str(path), {})
-        reason = old["reason"] if stamp and old.get("stamp") == stamp else _fault(name, path)
-        fresh[str(path)] = {"stamp": stamp, "reason": reason}
-        verdicts[name] = reason
-    if fresh != {path: known.get(path) for path in fresh}:
-        write_json(checks, known | fresh)
-    return verdicts
+        return old if stamp and old.get("stamp") == stamp else {"stamp": stamp, "reason": _fault(name, path)}
+
+    with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
+        return dict(zip(map(str, files.values()), pool.map(verdict, files, files.values())))
 
 
 def _fault(name: str, path: Path) -> str:

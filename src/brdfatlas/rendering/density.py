@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from brdfatlas.angles import N_THETA_H
+from brdfatlas.constants import LUMINANCE
 from brdfatlas.measured import look_up
 
 N_ELEVATIONS = 32
 LIST_LENGTH = 2048
 MIN_COSINE_WEIGHT, MAX_COSINE_WEIGHT = 0.1, 0.95
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 @dataclass(frozen=True)

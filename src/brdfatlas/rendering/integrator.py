@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from brdfatlas.constants import LUMINANCE
 from brdfatlas.rendering.arrays import upload
 from brdfatlas.rendering.bsdf import Reflectance
 from brdfatlas.rendering.scenes import PreparedScene, material_shapes, mitsuba_scene
@@ -84,7 +85,7 @@ class Environment:
         height, width = image.shape[:2]
         cosine = np.cos(np.arange(height) / (height - 1) * np.pi)
         solid_angle = (2 * np.pi / width) * (cosine[:-1] - cosine[1:])
-        luminance = image.astype(float) @ [0.2126, 0.7152, 0.0722]
+        luminance = image.astype(float) @ LUMINANCE
         rows = luminance[:-1] + luminance[1:]
         energy = (rows + np.roll(rows, -1, 1)) / 4 * solid_angle[:, None]
         length = 1 << LIST_BITS

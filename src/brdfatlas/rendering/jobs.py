@@ -5,12 +5,12 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import Fit, is_fit_file, load_fit
 from brdfatlas.measured import Measured, read_merl
@@ -27,12 +27,6 @@ from brdfatlas.rendering.scenes import (
     read_scenes,
     scenes_file,
 )
-
-HERE = Path(__file__).parent
-#: A change of one of these files makes old renders stale.
-RENDERING_SOURCES = [
-    HERE / f"{name}.py" for name in ("arrays", "bsdf", "density", "images", "integrator", "jobs", "scenes")
-] + [HERE.parent / f"{name}.py" for name in ("angles", "measured")]
 
 
 def render_scene(
@@ -140,7 +134,7 @@ def render_file(
     if isinstance(item, str | os.PathLike):
         item = load_fit(item) if is_fit_file(item) else read_merl(item)
     material = item.material if isinstance(item, Fit) else item.name
-    model = item.model if isinstance(item, Fit) else "reference"
+    model = item.entry if isinstance(item, Fit) else REFERENCE
     if isinstance(item, Fit):
         item = Measured(item.material, item.table(), item.standin)
     use_variant(variant)
@@ -190,6 +184,7 @@ def render_job(
     outputs: Mapping[str, str],
     settings: Mapping[str, Any],
     *,
+    provenance: str = "",
     standin: bool = False,
     threads: int = 1,
 ) -> None:
@@ -197,21 +192,22 @@ def render_job(
 
     ``model``: a model's name with its ``fit`` and ``report``, or "reference", or "reference_again", the same with other
     random numbers. ``scenes``: name -> prepared scene. ``settings``: samples, batches, seed, variant of the
-    configuration, and optionally ``scene_samples``, name -> samples or None. An output whose fingerprint is still right
-    is kept. A failed fit gives black pictures with ``meta["status"] = "failed"``.
+    configuration, and optionally ``scene_samples``, name -> samples or None. ``provenance``: what the renderer is made
+    of (:func:`brdfatlas.pipeline.provenance.provenance`). An output whose fingerprint is still right is kept. A failed
+    fit gives black pictures with ``meta["status"] = "failed"``.
     """
     measured = read_merl(binary, standin=standin)
     failed = report is not None and read_json(report)["status"] != "ok"
     table = None if fit is None or failed else load_fit(fit).table()
-    seed = settings["seed"] + (model == "reference_again") * 1_000_003
+    seed = settings["seed"] + (model == REFERENCE_AGAIN) * 1_000_003
     labels = {"material": material, "model": model, "standin": str(measured.standin).lower()}
     content = _digest(measured.table if table is None else table, measured.table)
     reflectances = None
     for name, path in scenes.items():
         scene = load_scene(path)
         samples = (settings.get("scene_samples") or {}).get(name) or settings["samples"]
-        chosen = [samples, settings["batches"], seed, settings["variant"], failed, *map(version, ("mitsuba", "drjit"))]
-        fingerprint = hashlib.sha256(json.dumps([scene.digest(), content, _sources(), chosen]).encode()).hexdigest()
+        chosen = [samples, settings["batches"], seed, settings["variant"], failed, provenance]
+        fingerprint = hashlib.sha256(json.dumps([scene.digest(), content, chosen]).encode()).hexdigest()
         tone = {key: repr(float(scene.definition[key])) for key in ("exposure", "gamma")}
         labels |= {"fingerprint": fingerprint, "title": scene.definition["title"], **tone}
         if _keep(outputs[name], labels):
@@ -248,7 +244,3 @@ def _digest(*arrays: np.ndarray) -> str:
     for array in arrays:
         digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
-
-
-def _sources() -> str:
-    return hashlib.sha256(b"".join(path.read_bytes() for path in RENDERING_SOURCES)).hexdigest()

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from brdfatlas.constants import REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.measures import tsv
 from brdfatlas.measures.ranking import count_missing
@@ -21,8 +22,7 @@ FIT_COLUMNS = [
     *("objective", "objective_name", "seed", "bytes", "reciprocity_error", "max_albedo", "bad_cells", "options"),
 ]
 #: The measured table rendered with another seed: what remains of a measure when nothing but the noise differs.
-NOISE_FLOOR = "reference_again"
-REFERENCE = "reference"
+NOISE_FLOOR = REFERENCE_AGAIN
 
 
 @dataclass(frozen=True)
@@ -155,12 +155,6 @@ class Material:
         return record.get("bytes") if record.get("status") == "ok" else None
 
 
-def register_models(files: Mapping[str, str | Path]) -> None:
-    """Make models outside the package known to this process: name -> path of its file."""
-    for name, path in files.items():
-        MODELS.register_file(name, path)
-
-
 def model_facts(name: str) -> ModelFacts:
     """Facts of a registered model. KeyError if nobody knows it."""
     model = MODELS[name]
@@ -225,7 +219,7 @@ def read_material(
     found = {}
     for path in fits:
         record = read_json(path)
-        found[str(record.get("model") or Path(path).stem)] = record
+        found[str(record.get("entry") or record.get("model") or Path(path).stem)] = record
     return Material(
         read_json(facts),
         found,
@@ -299,7 +293,7 @@ def _one_line(text: Any) -> str:
     return " ".join(str(text).split())
 
 
-def published_table(folder: str | Path | None, model: str, material: str) -> dict[str, float]:
+def published_row(folder: str | Path | None, model: str, material: str) -> dict[str, float]:
     """The published parameters and psnr_db of a model on a material; empty where nothing was published."""
     if folder is None:
         return {}

@@ -9,12 +9,13 @@ from urllib.parse import quote
 
 import pandas as pd
 
+from brdfatlas.constants import REFERENCE
+from brdfatlas.figures.pictures import picture_file
 from brdfatlas.measures.ranking import best_rows
 from brdfatlas.reports.data import (
     BRDF_MEASURES,
     MEASURES,
     NOISE_FLOOR,
-    REFERENCE,
     Material,
     Measure,
     ModelFacts,
@@ -23,7 +24,7 @@ from brdfatlas.reports.data import (
     model_facts,
     parameters_frame,
     physics_of,
-    published_table,
+    published_row,
     read_material,
     score_of,
     write_tsv,
@@ -101,7 +102,7 @@ def write_material_page(
 ) -> None:
     """Write the page of one material, its tables in ``data`` and its thumbnail in ``pictures``.
 
-    ``pictures`` is the folder of the material's pictures (``{scene}-{model}.webp`` and so on, see figures.pictures);
+    ``pictures`` is the folder of the material's pictures (see figures.pictures);
     ``materials`` is the order of pages. The page needs nothing of other materials: it is out when its material is.
     """
     output, pictures, data = Path(output), Path(pictures), Path(data)
@@ -115,10 +116,9 @@ def write_material_page(
         entry.pictures = _pictures(output, pictures, entry.name, scenes)
     mark_best(material, entries, scenes)
     for entry in entries:
-        entry.published = published_table(published, entry.name, material.name)
+        entry.published = published_row(published, entry.name, material.name)
         entry.table = _beside(entry.published, (entry.fit or {}).get("parameters") or {})
 
-    prefix = f"{material.name}."
     tables = {
         "image errors": ("errors.tsv", material.errors),
         "BRDF-space errors": ("brdf.tsv", material.brdf_errors),
@@ -127,7 +127,7 @@ def write_material_page(
         "published": ("published.tsv", _published_frame(material, entries)),
     }
     for ending, frame in tables.values():
-        write_tsv(data / (prefix + ending), frame)
+        write_tsv(data / "materials" / material.name / ending, frame)
     write_thumbnail(pictures, scenes, models)
     write_hdr_scripts(pictures, material.name, scenes, models)
 
@@ -188,7 +188,9 @@ def write_material_page(
         published=with_published,
         parameter_tables=parameter_tables,
         remarks=_remarks(entries),
-        data_links=[(name, f"../data/{quote(prefix + ending)}") for name, (ending, _frame) in tables.items()],
+        data_links=[
+            (name, f"../data/materials/{quote(material.name)}/{ending}") for name, (ending, _frame) in tables.items()
+        ],
     )
 
 
@@ -348,14 +350,14 @@ def _pictures(page: Path, folder: Path, model: str, scenes: Sequence[SceneFacts]
     found = {}
     for scene in scenes:
         for suffix in ("", *(item[2] for item in ERROR_SECTIONS)):
-            picture = find_picture(page, folder / f"{scene.name}-{model}{suffix}.webp")
+            picture = find_picture(page, picture_file(folder, scene.name, model, suffix[1:] or "render"))
             if picture:
                 found[scene.name, suffix] = picture
     return found
 
 
 def _named_pictures(page: Path, folder: Path, kind: str, entries: Sequence[Entry]) -> list[tuple[Entry, Picture]]:
-    drawn = ((entry, find_picture(page, folder / f"{kind}-{entry.name}.svg")) for entry in entries)
+    drawn = ((entry, find_picture(page, folder / kind / f"{entry.name}.svg")) for entry in entries)
     return [(entry, picture) for entry, picture in drawn if picture]
 
 

@@ -9,9 +9,10 @@ from urllib.parse import quote
 
 import pandas as pd
 
+from brdfatlas.constants import REFERENCE
+from brdfatlas.figures.pictures import picture_file
 from brdfatlas.reports.data import (
     MEASURES,
-    REFERENCE,
     Material,
     ModelFacts,
     SceneFacts,
@@ -91,7 +92,7 @@ def write_model_page(
     for place, name in enumerate(names):
         frames = [frame for row in rows if not (frame := row["frame"][place]).empty]
         table = pd.concat(frames) if frames else rows[0]["frame"][place]
-        write_tsv(data / f"model-{model}.{name}.tsv", table)
+        write_tsv(data / "models" / model / f"{name}.tsv", table)
     ranked = sorted(
         (row for row in rows if not math.isnan(row["scores"]["psnr_db"].mean)),
         key=lambda row: -row["scores"]["psnr_db"].mean,
@@ -100,8 +101,8 @@ def write_model_page(
     for kind, chosen in (("Best", ranked[:ends_shown]), ("Worst", ranked[len(ranked) - ends_shown :])):
         for row in chosen:
             folder = Path(pictures) / row["material"]
-            picture = find_picture(output, folder / f"{scenes[0].name}-{model}.webp")
-            reference = find_picture(output, folder / f"{scenes[0].name}-{REFERENCE}.webp")
+            picture = find_picture(output, picture_file(folder, scenes[0].name, model))
+            reference = find_picture(output, picture_file(folder, scenes[0].name, REFERENCE))
             ends.append(
                 (kind, row | {"psnr": row["scores"]["psnr_db"].mean, "picture": picture, "reference": reference})
             )
@@ -127,7 +128,7 @@ def write_model_page(
         model_count=len(models),
         distributions=distributions,
         times=strip("seconds of a fit", seconds) if len(seconds) > 1 else None,
-        data_links=[(name, f"../data/{quote(f'model-{model}.{name}.tsv')}") for name in names],
+        data_links=[(name, f"../data/models/{quote(model)}/{name}.tsv") for name in names],
     )
 
 

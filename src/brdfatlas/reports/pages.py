@@ -16,8 +16,10 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from PIL import Image
 
 import brdfatlas
+from brdfatlas.constants import REFERENCE
+from brdfatlas.figures.pictures import picture_file
 from brdfatlas.files import atomic_path, write_text
-from brdfatlas.reports.data import REFERENCE, SceneFacts
+from brdfatlas.reports.data import SceneFacts
 from brdfatlas.reports.formats import FILTERS
 
 HERE = Path(__file__).parent
@@ -109,7 +111,7 @@ def write_thumbnail(
     """A small picture of the reference for the index, from its first scene; None if there is no picture at all."""
     for model in (REFERENCE, *models):
         for scene in scenes:
-            source = Path(pictures) / f"{scene.name}-{model}.webp"
+            source = picture_file(pictures, scene.name, model)
             if source.is_file():
                 target = Path(pictures) / "thumb.webp"
                 with Image.open(source) as image, atomic_path(target) as temporary:
@@ -123,14 +125,14 @@ def write_thumbnail(
 def write_hdr_scripts(
     pictures: str | Path, material: str, scenes: Sequence[SceneFacts], models: Sequence[str]
 ) -> list[Path]:
-    """Wrap {scene}-{model}-hdr.webp as {scene}-{model}-hdr.js for the compare page.
+    """Wrap every hdr.webp as hdr.js beside it for the compare page.
 
     A page from file:// may not read the pixels of a picture file, but it may run a script that carries them.
     """
     written = []
     for scene in scenes:
         for model in (REFERENCE, *models):
-            source = Path(pictures) / f"{scene.name}-{model}-hdr.webp"
+            source = picture_file(pictures, scene.name, model, "hdr")
             target = source.with_suffix(".js")
             if source.is_file():
                 name = json.dumps(f"{material}/{scene.name}/{model}")

@@ -20,11 +20,12 @@ from pypdf import PdfReader, PdfWriter
 from pypdf.annotations import Link
 from pypdf.generic import Fit
 
+from brdfatlas.constants import REFERENCE
+from brdfatlas.figures.pictures import picture_file
 from brdfatlas.files import atomic_path, read_json
 from brdfatlas.reports.data import (
     MEASURES,
     NOISE_FLOOR,
-    REFERENCE,
     Material,
     ModelFacts,
     SceneFacts,
@@ -97,18 +98,19 @@ def write_material_pdf(
         return name
 
     scene = scenes[0]
-    renders = [_tile("reference", add(pictures / f"{scene.name}-{REFERENCE}.webp"), "", "no picture")]
+    renders = [_tile("reference", add(picture_file(pictures, scene.name, REFERENCE)), "", "no picture")]
     errors = []
     for entry in entries:
         row = entry.rows.get(scene.name, {})
         psnr = f"{with_error(row.get('psnr_db'), row.get('psnr_se_db'))} dB"
-        stem = f"{scene.name}-{entry.name}"
-        renders.append(_tile(entry.title, add(pictures / f"{stem}.webp"), psnr, entry.reason))
+        renders.append(_tile(entry.title, add(picture_file(pictures, scene.name, entry.name)), psnr, entry.reason))
         delta = digits(row.get("de00_mean"), 2)
-        errors.append(_tile(entry.title, add(pictures / f"{stem}-de00.webp"), delta, entry.reason))
+        errors.append(
+            _tile(entry.title, add(picture_file(pictures, scene.name, entry.name, "de00")), delta, entry.reason)
+        )
     columns = tile_columns(len(renders), len(errors))
     drawn = [
-        (entry.title, pictures / f"{kind}-{entry.name}.svg") for kind in ("functions", "factors") for entry in entries
+        (entry.title, pictures / kind / f"{entry.name}.svg") for kind in ("functions", "factors") for entry in entries
     ]
     functions = [{"title": title, "picture": add(path)} for title, path in drawn if path.is_file()]
     data = {

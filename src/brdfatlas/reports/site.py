@@ -4,7 +4,7 @@ Pages open from the file system: no server, no network; what scripts need travel
 Templates escape everything that comes from a run; names of materials may be anything.
 """
 
-from brdfatlas.reports.data import read_run, register_models, scene_facts
+from brdfatlas.reports.data import read_run, scene_facts
 from brdfatlas.reports.index_page import write_index
 from brdfatlas.reports.material_page import write_material_page
 from brdfatlas.reports.model_page import write_model_page, write_model_pages
@@ -12,7 +12,6 @@ from brdfatlas.reports.pages import write_assets, write_compare
 
 __all__ = [
     "read_run",
-    "register_models",
     "scene_facts",
     "write_assets",
     "write_compare",

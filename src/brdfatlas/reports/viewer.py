@@ -20,38 +20,33 @@ from typing import Any
 
 import numpy as np
 
-from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H
+from brdfatlas.angles import N_PHI_D, N_THETA_H
+from brdfatlas.constants import LUMINANCE
 from brdfatlas.export.uber_texture import D_AT, F_AT, G_AT, RHO_D_AT, RHO_S_AT, WIDTH
 from brdfatlas.files import read_json, read_npz, write_text
 from brdfatlas.fits import load_fit
-from brdfatlas.models import MODELS
+from brdfatlas.models.base import Factors
 from brdfatlas.reports.data import SceneFacts
 from brdfatlas.reports.pages import as_script, render_page
 
-N_NODES = RHO_D_AT - G_AT
 H_AT = RHO_S_AT + 1
-#: Rec. 709 luminance of linear rgb.
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+#: A texture of all fits stays small: a table as a sum of its rows has no place in it.
+MOST_PRODUCTS = 16
 
 
-def factor_rows(parameters: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """One fit as rows of the texture, (products, WIDTH, 4) float32; None for a fit that is no sum of products
-    D F G G / (cos cos) or D F H."""
-    p = {name: np.asarray(value, float) for name, value in parameters.items()}
-    shapes = {name: value.shape for name, value in p.items()}
-    single = {"rho_d": (3,), "rho_s": (3,), "d": (3, N_THETA_H), "f": (3, N_THETA_D)}
-    if shapes in (single | {"g": (3, N_NODES)}, single | {"h": (3, N_PHI_D)}):
-        d, f, rho_s = p["d"][:, None], p["f"][:, None], p["rho_s"]
-    elif shapes.keys() == {"rho_d", "u", "v", "g"} and shapes["u"] == shapes["v"]:
-        d, f, rho_s = p["u"], p["v"], np.ones(3)
-    else:
+def factor_rows(factors: Factors | None) -> np.ndarray | None:
+    """One fit as rows of the texture, (products, WIDTH, 4) float32; None for a fit that is no sum of products, or of
+    too many."""
+    if factors is None or factors.d.shape[1] > MOST_PRODUCTS:
         return None
+    d, f = factors.d, factors.f
+    rho_s = np.ones(3) if factors.rho_s is None else factors.rho_s
     rows = np.zeros((d.shape[1], WIDTH, 4), np.float32)
     rows[:, D_AT:F_AT, :3] = np.moveaxis(d, 0, -1)
     rows[:, F_AT:G_AT, :3] = np.moveaxis(f, 0, -1)
-    rows[0, G_AT:RHO_D_AT, :3] = p["g"].T if "g" in p else 0
-    rows[0, H_AT : H_AT + N_PHI_D, :3] = p["h"].T if "h" in p else 1
-    rows[0, RHO_D_AT, :3], rows[0, RHO_S_AT, :3] = p["rho_d"], rho_s
+    rows[0, G_AT:RHO_D_AT, :3] = 0 if factors.g is None else factors.g.T
+    rows[0, H_AT : H_AT + N_PHI_D, :3] = 1 if factors.h is None else factors.h.T
+    rows[0, RHO_D_AT, :3], rows[0, RHO_S_AT, :3] = factors.rho_d, rho_s
     # The mass of D cos(theta_h) in each cell, and a little everywhere so that no direction is out of reach. Several
     # products: that of their sum where it is seen most, at theta_d = 0.
     edges = (np.arange(N_THETA_H + 1) / N_THETA_H) ** 2 * (np.pi / 2)
@@ -148,12 +143,12 @@ def write_viewer(
         if read_json(Path(path).with_suffix(".json"))["status"] != "ok":
             continue
         fit = load_fit(path)
-        found = factor_rows(fit.parameters)
+        found = factor_rows(fit.factors())
         if found is None:
             continue
         facts = described[fit.material]
         label = {"material": fit.material, "title": str(facts.get("title") or fit.material), "model": model}
-        label |= {"model_title": MODELS[model].title, "standin": bool(facts.get("standin"))}
+        label |= {"model_title": fit.instance.title_of(fit.options), "standin": bool(facts.get("standin"))}
         rows.append(label | {"first": sum(map(len, texels)), "products": len(found)})
         texels.append(found)
     texture = np.concatenate(texels) if texels else np.zeros((1, WIDTH, 4), np.float32)

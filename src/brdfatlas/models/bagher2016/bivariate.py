@@ -4,8 +4,16 @@ import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, half_difference
 from brdfatlas.compiled import njit
-from brdfatlas.models.bagher2016.factors import OBJECTIVE, OPTIONS, FactorModel, bilinear, cell_position, nearest_filled
-from brdfatlas.models.base import FitError, Parameter, Parameters, Result
+from brdfatlas.models.bagher2016.factors import (
+    OBJECTIVE,
+    OPTIONS,
+    FactorModel,
+    bilinear,
+    cell_position,
+    nearest_filled,
+    table_factors,
+)
+from brdfatlas.models.base import Factors, FitError, Parameter, Parameters, Result
 
 
 @njit(cache=True, nogil=True)
@@ -53,6 +61,10 @@ class Bivariate(FactorModel):
             raise FitError(f"{self.name} on {measured.name}: the objective is not finite")
         details = {"channels": [{"objective": value} for value in objectives], "empty_components": empty}
         return Result({"b": np.stack(tables).astype(np.float32)}, objective, OBJECTIVE, 1, True, details=details)
+
+    def factors(self, parameters: Parameters) -> Factors:
+        d, f = table_factors(parameters["b"])
+        return Factors(np.zeros(3), d, f)
 
     def evaluate(self, parameters: Parameters, wi, wo) -> np.ndarray:
         wi, wo = np.broadcast_arrays(np.asarray(wi, float), np.asarray(wo, float))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from brdfatlas.models.bagher2016.awls import Channel, node_cosines
+from brdfatlas.models.bagher2016.awls import Channel, g_nodes, node_cosines
 from brdfatlas.models.bagher2016.factors import (
     RHO_D,
     ChannelFit,
@@ -14,10 +14,11 @@ from brdfatlas.models.bagher2016.factors import (
     grid_microfacet,
     mean_table,
     nearest_filled,
+    table_factors,
 )
 from brdfatlas.models.bagher2016.independent_g import SMOOTHING, slices_state
 from brdfatlas.models.bagher2016.microfacet_factors import FactorState, TableProblem, TableState
-from brdfatlas.models.base import Parameter, Parameters
+from brdfatlas.models.base import Factors, Function, Parameter, Parameters
 from brdfatlas.solvers.acceleration import Trace
 
 
@@ -53,6 +54,14 @@ class BivariateG(FactorModel):
         values = {"rho_d": state.rho_d, "b": nearest_filled(state.m, w > 0), "g": state.g}
         objective = state.objective / channel.power
         return ChannelFit(values, objective, trace, reports, problem.golden_calls, problem.empty_components)
+
+    def factors(self, parameters: Parameters) -> Factors:
+        d, f = table_factors(parameters["b"])
+        return Factors(np.asarray(parameters["rho_d"], float), d, f, g=np.asarray(parameters["g"], float))
+
+    def functions(self, parameters: Parameters) -> tuple[Function, ...]:
+        """G; B is a table."""
+        return (Function("G", "theta", g_nodes(), np.asarray(parameters["g"], float).T),)
 
     def evaluate(self, parameters: Parameters, wi, wo) -> np.ndarray:
         b = np.asarray(parameters["b"], float)

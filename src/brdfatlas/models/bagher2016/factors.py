@@ -14,21 +14,33 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from brdfatlas.angles import GRID_SHAPE, N_PHI_D, N_THETA_D, N_THETA_H, grid_axes, half_difference
+from brdfatlas.angles import (
+    GRID_SHAPE,
+    N_PHI_D,
+    N_THETA_D,
+    N_THETA_H,
+    grid_axes,
+    half_difference,
+    phi_d_centres,
+    theta_d_centres,
+    theta_h_centres,
+)
 from brdfatlas.compiled import njit
+from brdfatlas.constants import MAX_ANGLE
 from brdfatlas.measured import Measured
 from brdfatlas.models.bagher2016.awls import (
     CLAMP,
     N_NODES,
     Channel,
     Geometry,
+    g_nodes,
     interpolated,
     node_cosines,
     node_position,
 )
 from brdfatlas.models.bagher2016.microfacet_factors import FactorProblem
-from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result
-from brdfatlas.objectives import MAX_ANGLE, compressive_weights, relative_objective
+from brdfatlas.models.base import Factors, FitError, Function, Model, Option, Paper, Parameter, Parameters, Result
+from brdfatlas.objectives import compressive_weights, relative_objective
 from brdfatlas.solvers.acceleration import Problem, Trace, accelerate, alternate, thinned
 
 BAGHER_2016 = Paper(
@@ -62,6 +74,8 @@ def factor(name: str, symbol: str, of: str, count: int = 90) -> Parameter:
 RHO_D = Parameter("rho_d", (3,), "diffuse coefficient, division by pi included", "1/sr", 0.0)
 RHO_S = Parameter("rho_s", (3,), "specular coefficient, division by pi included", "1/sr", 0.0)
 D, F, G = factor("d", "D", "theta_h"), factor("f", "F", "theta_d"), factor("g", "G", "theta_i or theta_o")
+#: Parameters that are 1 where there is nothing to fit; coefficients and tables are 0 there.
+FACTORS_OF_ONE = ("d", "f", "g", "h")
 
 
 @dataclass
@@ -104,7 +118,7 @@ class FactorModel(Model):
                     fit.parameters["g"] = held_beyond(fit.parameters["g"], options["max_angle"])
         parameters = {
             p.name: np.stack([np.asarray(fit.parameters[p.name]) for fit in fits]).astype(p.dtype)
-            for p in self.parameters
+            for p in self.parameters_of(options)
         }
         objective = relative_objective(self.evaluate_grid(parameters), measured.table, weights)
         if not np.isfinite(objective):
@@ -137,17 +151,18 @@ class FactorModel(Model):
     ) -> list[ChannelFit]:
         """One fit a channel, from merged samples; a channel that is 0 everywhere has no factors to find."""
         return [
-            self.fit_channel(channel, seed, options, c) if channel.power > 0 else self.dark()
+            self.fit_channel(channel, seed, options, c) if channel.power > 0 else self.dark(options)
             for c, channel in enumerate(merged_channels(measured, weights))
         ]
 
     def fit_channel(self, channel: Channel, seed: int, options: Mapping[str, Any], index: int) -> ChannelFit:
         raise NotImplementedError
 
-    def dark(self) -> ChannelFit:
+    def dark(self, options: Mapping[str, Any]) -> ChannelFit:
         """The fit of a channel that is 0 everywhere: coefficients and tables 0, factors 1."""
-        values = {p.name: np.zeros(p.shape[1:]) if p.high > 1 or p.low < 0 else np.ones(p.shape[1:])
-                  for p in self.parameters}  # fmt: skip
+        values: dict[str, np.ndarray | float] = {
+            p.name: np.full(p.shape[1:], float(p.name in FACTORS_OF_ONE)) for p in self.parameters_of(options)
+        }
         return ChannelFit(values, 0.0, Trace([0.0], converged=True), [])
 
 
@@ -329,6 +344,23 @@ def grid_microfacet(m: np.ndarray, g: np.ndarray, rho_d: np.ndarray) -> np.ndarr
     return out
 
 
+def curves(factors: Factors) -> tuple[Function, ...]:
+    """The factors as functions, one D and one F a product; what is 1 everywhere is left out."""
+    found = []
+    for d, f in zip(np.moveaxis(factors.d, 1, 0), np.moveaxis(factors.f, 1, 0)):
+        found += [Function("D", "theta_h", theta_h_centres(), d.T), Function("F", "theta_d", theta_d_centres(), f.T)]
+    if factors.g is not None:
+        found.append(Function("G", "theta", g_nodes(), factors.g.T))
+    if factors.h is not None:
+        found.append(Function("H", "phi_d", phi_d_centres(), factors.h.T))
+    return tuple(found)
+
+
+def table_factors(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A table (3, 90, 90) over (theta_h, theta_d) as 90 products, d and f (3, 90, 90): row by row, d being 1 in one."""
+    return np.broadcast_to(np.eye(N_THETA_H), table.shape), np.asarray(table, float)
+
+
 class MicrofacetFactors(FactorModel):
     """rho_d + rho_s D(theta_h) F(theta_d) G(theta_i) G(theta_o) / (cos theta_i cos theta_o) (Eq. 3)."""
 
@@ -345,3 +377,10 @@ class MicrofacetFactors(FactorModel):
     def evaluate_grid(self, parameters: Parameters) -> np.ndarray:
         d, f, rho_s = (np.asarray(parameters[name], float) for name in ("d", "f", "rho_s"))
         return grid_microfacet(np.einsum("c,ch,cd->chd", rho_s, d, f), parameters["g"], parameters["rho_d"])
+
+    def factors(self, parameters: Parameters) -> Factors:
+        p = {name: np.asarray(parameters[name], float) for name in ("rho_d", "rho_s", "d", "f", "g")}
+        return Factors(p["rho_d"], p["d"][:, None], p["f"][:, None], g=p["g"], rho_s=p["rho_s"])
+
+    def functions(self, parameters: Parameters) -> tuple[Function, ...]:
+        return curves(self.factors(parameters))

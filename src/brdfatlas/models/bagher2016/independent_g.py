@@ -160,7 +160,7 @@ class IndependentG(MicrofacetFactors):
         fits = []
         for c, channel in enumerate(merged_channels(measured, weights)):
             if not channel.power > 0:
-                fits.append(self.dark())
+                fits.append(self.dark(options))
                 continue
             starts: Mapping[str, Factors] = {"slices": (*slices(channel), None)}
             if eight:

@@ -11,6 +11,7 @@ from brdfatlas.models.bagher2016.factors import (
     F,
     FactorModel,
     cell_position,
+    curves,
     descend,
     factor,
     interpolated_rows,
@@ -18,7 +19,7 @@ from brdfatlas.models.bagher2016.factors import (
     relative,
 )
 from brdfatlas.models.bagher2016.naive_factors import NaiveProblem
-from brdfatlas.models.base import Parameters
+from brdfatlas.models.base import Factors, Function, Parameters
 from brdfatlas.solvers.acceleration import Trace
 
 
@@ -45,7 +46,7 @@ class Naive(FactorModel):
         fits = []
         for c in range(3):
             problem, start = naive_problem(weights[..., c], measured.table[..., c])
-            fits.append(self._descend(problem, start, options) if problem.power > 0 else self.dark())
+            fits.append(self._descend(problem, start, options) if problem.power > 0 else self.dark(options))
         return fits
 
     def _descend(self, problem: NaiveProblem, start, options) -> ChannelFit:
@@ -60,6 +61,13 @@ class Naive(FactorModel):
         values |= {name: x / scale for name, x, scale in zip("dfh", (u, v, h), scales)}
         start_report = {"name": "slices", "objective": state.objective / problem.power, "iterations": trace.iterations}
         return ChannelFit(values, state.objective / problem.power, trace, [start_report], 0, problem.empty_components)
+
+    def factors(self, parameters: Parameters) -> Factors:
+        p = {name: np.asarray(parameters[name], float) for name in ("rho_d", "rho_s", "d", "f", "h")}
+        return Factors(p["rho_d"], p["d"][:, None], p["f"][:, None], h=p["h"], rho_s=p["rho_s"])
+
+    def functions(self, parameters: Parameters) -> tuple[Function, ...]:
+        return curves(self.factors(parameters))
 
     def evaluate(self, parameters: Parameters, wi, wo) -> np.ndarray:
         wi, wo = np.broadcast_arrays(np.asarray(wi, float), np.asarray(wo, float))

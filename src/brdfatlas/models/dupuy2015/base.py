@@ -7,10 +7,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from brdfatlas import microfacet
-from brdfatlas.angles import theta_h_centres
+from brdfatlas.angles import theta_d_centres, theta_h_centres
 from brdfatlas.measured import Measured
-from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result
+from brdfatlas.models.base import FitError, Function, Model, Option, Paper, Parameter, Parameters, Result
 from brdfatlas.models.dupuy2015 import power_iteration
+from brdfatlas.sampling import Lobe, Mixture, mixture
+
+#: How F is found, by the option's value.
+FRESNEL = {"corrected": power_iteration.fresnel_corrected, "egsr2015": power_iteration.fresnel_egsr2015}
 
 
 class PowerIterationModel(Model):
@@ -29,7 +33,7 @@ class PowerIterationModel(Model):
             "corrected",
             "corrected: the mean ratio as the paper states it; egsr2015: as the authors' program of 2015 computed it, "
             "with the light held at the normal (their printed figures carry that)",
-            ("corrected", "egsr2015"),
+            tuple(FRESNEL),
         ),
         "backscatter": Option(
             "published",
@@ -49,6 +53,27 @@ class PowerIterationModel(Model):
     def shape(self, ndf: np.ndarray) -> dict[str, np.ndarray]:
         """The model's parameters of D, from the tabulated NDF (90,)."""
 
+    @abstractmethod
+    def lobe(self, parameters: Parameters) -> Lobe:
+        """D cos theta_h as a density of half vectors."""
+
+    @abstractmethod
+    def distribution(self, parameters: Parameters, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """D (90,) at the theta_h cells, and G1 at angles ``theta`` (n,) of a direction, radians."""
+
+    def sampler(self, parameters: Parameters) -> Mixture:
+        """The density of half vectors alone: the model has no diffuse term."""
+        return mixture(0.0, [self.lobe(parameters)], [1.0])
+
+    def functions(self, parameters: Parameters) -> tuple[Function, ...]:
+        theta = np.linspace(0, np.deg2rad(89.5), 90)
+        ndf, g1 = self.distribution(parameters, theta)
+        return (
+            Function("F", "theta_d", theta_d_centres(), np.asarray(parameters["fresnel"], float)),
+            Function("D", "theta_h", theta_h_centres(), ndf, "1/sr"),
+            Function("G1", "theta", theta, g1),
+        )
+
     def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:
         """Closed procedure without random numbers. FitError if there is no retro-reflection to start from."""
         chosen = self.check_options(options)
@@ -57,7 +82,7 @@ class PowerIterationModel(Model):
             ndf, eigenvalue, changes = power_iteration.distribution(
                 retro, backscatter=chosen["backscatter"], iterations=chosen["iterations"]
             )
-            fresnel = getattr(power_iteration, f"fresnel_{chosen['fresnel']}")(measured.table, ndf)
+            fresnel = FRESNEL[chosen["fresnel"]](measured.table, ndf)
         except power_iteration.NoDistribution as reason:
             raise FitError(f"{self.name} on {measured.name}: {reason}") from None
         clamped = int((fresnel >= 1).any(1).sum())
@@ -94,6 +119,10 @@ class OneRoughness(PowerIterationModel):
 
     def shape(self, ndf: np.ndarray) -> dict[str, np.ndarray]:
         return {"alpha": np.array([self.alpha_of(ndf)])}
+
+    def distribution(self, parameters: Parameters, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        alpha = float(parameters["alpha"][0])
+        return self.ndf(np.cos(theta_h_centres()), alpha), self.g1(np.cos(theta), alpha)
 
     def evaluate(self, parameters: Parameters, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         alpha = float(parameters["alpha"][0])

@@ -1,9 +1,10 @@
 """Gaussian (Beckmann) microfacets with the moments of the tabulated distribution (Dupuy et al. 2015)."""
 
 from brdfatlas import microfacet
-from brdfatlas.models.base import Parameter
+from brdfatlas.models.base import Parameter, Parameters
 from brdfatlas.models.dupuy2015 import power_iteration
 from brdfatlas.models.dupuy2015.base import OneRoughness
+from brdfatlas.sampling import WardLobe
 
 
 class Gaussian(OneRoughness):
@@ -24,3 +25,6 @@ class Gaussian(OneRoughness):
     ndf = staticmethod(microfacet.beckmann_ndf)
     g1 = staticmethod(microfacet.beckmann_g1)
     alpha_of = staticmethod(power_iteration.beckmann_alpha)
+
+    def lobe(self, parameters: Parameters) -> WardLobe:
+        return WardLobe(float(parameters["alpha"][0]))

@@ -1,9 +1,10 @@
 """GGX microfacets with the moments of the tabulated distribution (Dupuy et al. 2015)."""
 
 from brdfatlas import microfacet
-from brdfatlas.models.base import Parameter
+from brdfatlas.models.base import Parameter, Parameters
 from brdfatlas.models.dupuy2015 import power_iteration
 from brdfatlas.models.dupuy2015.base import OneRoughness
+from brdfatlas.sampling import GgxLobe
 
 
 class GGX(OneRoughness):
@@ -22,3 +23,6 @@ class GGX(OneRoughness):
     ndf = staticmethod(microfacet.ggx_ndf)
     g1 = staticmethod(microfacet.ggx_g1)
     alpha_of = staticmethod(power_iteration.ggx_alpha)
+
+    def lobe(self, parameters: Parameters) -> GgxLobe:
+        return GgxLobe(float(parameters["alpha"][0]))

@@ -9,6 +9,7 @@ import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, phi_d_centres, theta_d_centres, theta_h_centres
 from brdfatlas.compiled import njit
+from brdfatlas.constants import LUMINANCE
 from brdfatlas.microfacet import (
     interpolate_ndf,
     ndf_normalisation,
@@ -19,8 +20,6 @@ from brdfatlas.microfacet import (
     theta_h_quadrature,
 )
 
-#: Rec. 709
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 ITERATIONS = 4
 #: The ideal mirror's response below which a cell says nothing about Fresnel.
 MIN_IDEAL = 1e-4
@@ -140,7 +139,7 @@ def _fresnel_sums(table, ndf, sigma, theta_h, theta_d, cos_p, sums, counts):
                 if below <= 0:
                     continue
                 ideal = ndf[h] * ga * gb / (below * 4 * a * b)
-                if not ideal > 1e-4:
+                if not ideal > MIN_IDEAL:
                     continue
                 for q in (p, n_p - 1 - p):
                     if table[h, d, q, 0] >= 0:

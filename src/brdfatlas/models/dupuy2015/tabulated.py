@@ -5,6 +5,7 @@ import numpy as np
 from brdfatlas import microfacet
 from brdfatlas.models.base import Parameter, Parameters
 from brdfatlas.models.dupuy2015.base import PowerIterationModel
+from brdfatlas.sampling import TabulatedLobe
 
 
 class Tabulated(PowerIterationModel):
@@ -20,6 +21,15 @@ class Tabulated(PowerIterationModel):
 
     def shape(self, ndf: np.ndarray) -> dict[str, np.ndarray]:
         return {"ndf": ndf}
+
+    def lobe(self, parameters: Parameters) -> TabulatedLobe:
+        theta_h, solid_angle = microfacet.theta_h_quadrature()
+        shares = np.asarray(parameters["ndf"], float) * np.cos(theta_h) * solid_angle
+        return TabulatedLobe(tuple(shares.tolist()))
+
+    def distribution(self, parameters: Parameters, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        ndf = np.asarray(parameters["ndf"], float)
+        return ndf, microfacet.smith_g1(microfacet.smith_sigma(ndf), np.cos(theta))
 
     def evaluate(self, parameters: Parameters, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         ndf = parameters["ndf"].astype(float)

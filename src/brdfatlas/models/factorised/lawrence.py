@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, directions, grid_cosines, phi_d_centres, theta_d_centres
+from brdfatlas.constants import LUMINANCE, MAX_ANGLE
 from brdfatlas.measured import Measured, extend
 from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result
 from brdfatlas.models.factorised.half_outgoing import (
@@ -16,7 +17,6 @@ from brdfatlas.models.factorised.half_outgoing import (
     resolution_option,
     theta_h_nodes,
 )
-from brdfatlas.objectives import MAX_ANGLE
 from brdfatlas.solvers.nmf import Factors, Samples, factorize
 from brdfatlas.solvers.tensor import bilinear_rows, sum_terms
 
@@ -149,7 +149,7 @@ def highlight_class(table: np.ndarray) -> str:
     halves tells: from 2 degrees glossy, from 0.5 specular. Nickel is then specular, as in Bilgili et al. 2011.
     """
     theta_h = theta_h_nodes(GRID_SHAPE[0])
-    profile = np.median(table[:, 5:45, ::4] @ np.array([0.2126, 0.7152, 0.0722], np.float32), axis=(1, 2))
+    profile = np.median(table[:, 5:45, ::4] @ LUMINANCE.astype(np.float32), axis=(1, 2))
     base = np.median(profile[theta_h > np.deg2rad(40)])
     peak = profile[: GRID_SHAPE[0] // 2].max()
     if peak <= 10 * base or peak <= 0:

@@ -27,6 +27,17 @@ RESOLUTION = (90, 36, 37)
 LARGEST_LOG = 20.0
 
 
+def tucker_parameters(terms: int, resolution: tuple[int, int, int]) -> tuple[Parameter, ...]:
+    """Four factors a term and channel, in double precision as published."""
+    factors = zip(("theta_h", "phi_h", "theta_o"), ("theta_h", "|phi_h - phi_o|", "theta_o"), resolution)
+    unit = [
+        Parameter(name, (3, terms, n), f"factor along {axis}, unit length", "", -1.0, 1.0, "float64")
+        for name, axis, n in factors
+    ]
+    told = "factor along phi_o, constant for an isotropic BRDF"
+    return (*unit, Parameter("phi_o", (3, terms, 1), told, "log(1 + rho sr)", 0.0, np.inf, "float64"))
+
+
 class Tucker(Model):
     """log1p f(theta_h, phi_h, theta_o, phi_o) as a sum of 20 products of four one-dimensional factors per channel.
 
@@ -51,27 +62,15 @@ class Tucker(Model):
         "resolution of each axis, the azimuth measured from wo, and the weights are our choice"
     )
     reciprocal = False
-    variable_size = True
-    parameters = (
-        Parameter("theta_h", (3, TERMS, RESOLUTION[0]), "factor along theta_h, unit length", "", -1.0, 1.0, "float64"),
-        Parameter(
-            "phi_h", (3, TERMS, RESOLUTION[1]), "factor along |phi_h - phi_o|, unit length", "", -1.0, 1.0, "float64"
-        ),
-        Parameter("theta_o", (3, TERMS, RESOLUTION[2]), "factor along theta_o, unit length", "", -1.0, 1.0, "float64"),
-        Parameter(
-            "phi_o",
-            (3, TERMS, 1),
-            "factor along phi_o, constant for an isotropic BRDF",
-            "log(1 + rho sr)",
-            0.0,
-            np.inf,
-            "float64",
-        ),
-    )
+    parameters = tucker_parameters(TERMS, RESOLUTION)
     options: ClassVar = {
         "terms": Option(TERMS, "number of rank-one terms", low=1, high=200),
         "resolution": resolution_option(RESOLUTION),
     }
+
+    def parameters_of(self, options: Mapping[str, Any]) -> tuple[Parameter, ...]:
+        chosen = self.check_options(options)
+        return tucker_parameters(chosen["terms"], parse_resolution(chosen["resolution"], self.name))
 
     def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:
         """Fit by residual terms. Deterministic, ``seed`` is not used. FitError without a valid cell."""
@@ -97,14 +96,6 @@ class Tucker(Model):
             message=f"{terms} terms leave {relative[-1]:.2e} of the square",
             details={"history": relative.tolist(), "resolution": [*resolution, 1]},
         )
-
-    def shape_fault(self, parameters: Parameters, options: Mapping[str, Any]) -> str:
-        resolution = (*parse_resolution(options["resolution"], self.name), 1)
-        for parameter, nodes in zip(self.parameters, resolution):
-            shape = (3, options["terms"], nodes)
-            if parameters[parameter.name].shape != shape:
-                return f"{parameter.name} has shape {parameters[parameter.name].shape}, not {shape}"
-        return ""
 
     def evaluate(self, parameters: Parameters, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         coordinates = half_outgoing(wi, wo)

@@ -9,9 +9,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from brdfatlas.angles import theta_d_centres, theta_h_centres
 from brdfatlas.microfacet import dielectric
-from brdfatlas.models.base import Option, Paper, Parameter
-from brdfatlas.models.single_lobe.base import SingleLobeModel, objective_option
+from brdfatlas.models.base import Function, Option, Paper, Parameter, Parameters, objective_option
+from brdfatlas.models.single_lobe.base import SingleLobeModel
+from brdfatlas.sampling import AbcLobe, Mixture, mixture
 
 LOEW2012 = Paper(
     "Joakim Löw, Joel Kronander, Anders Ynnerman, Jonas Unger",
@@ -64,6 +66,25 @@ class ABC(SingleLobeModel):
             "eta": s * dielectric_slope(cos_d, eta),
         }
         return product, slopes
+
+    def sampler(self, parameters: Parameters) -> Mixture:
+        """A is no albedo. The lobe weighs as its albedo at normal incidence, 4/pi A F(0) int S dh, shadowing left
+        out."""
+        B, C, eta = (float(parameters[name][0]) for name in ("B", "C", "eta"))
+        lobe = AbcLobe(B, C)
+        normal = ((eta - 1) / (eta + 1)) ** 2
+        weight = 4 / np.pi * normal * np.asarray(parameters["A"], float).sum() * lobe.integral()
+        return mixture(np.asarray(parameters["kd"], float).sum(), [lobe], [weight])
+
+    def functions(self, parameters: Parameters) -> tuple[Function, ...]:
+        """S, which is 1 at theta_h = 0, and F."""
+        theta_h, theta_d = theta_h_centres(), theta_d_centres()
+        b, c, eta = (float(parameters[name][0]) for name in ("B", "C", "eta"))
+        s = np.exp(-c * np.log1p(b * 2 * np.sin(theta_h / 2) ** 2))
+        return (
+            Function("S", "theta_h", theta_h, s),
+            Function("F", "theta_d", theta_d, dielectric(np.cos(theta_d), eta)),
+        )
 
 
 def dielectric_slope(cos_d, eta):

@@ -14,9 +14,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, half_difference
+from brdfatlas.constants import E2_ANGLE, OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.microfacet import v_groove
-from brdfatlas.models.base import FitError, Model, Option, Parameters, Result
+from brdfatlas.models.base import FitError, Model, Parameters, Result
 from brdfatlas.objectives import least_squares_weights
 from brdfatlas.solvers.least_squares import (
     Moments,
@@ -27,20 +28,6 @@ from brdfatlas.solvers.least_squares import (
     latin_starts,
 )
 from brdfatlas.solvers.moments import CellMoments, LogCells
-
-#: Löw et al. 2012 sum E2 over theta_h and theta_d up to here.
-E2_ANGLE = np.deg2rad(80.0)
-OBJECTIVE_NAMES = {
-    "compressive": "compressive (Bagher 2016), relative, rgb averaged",
-    "cosine": "cosine-weighted root mean square (Ngan 2005)",
-    "e2": "E2 (Löw 2012)",
-}
-
-
-def objective_option(default: str) -> Option:
-    """The option ``objective`` with a model's own default."""
-    text = "what is minimised: Bagher 2016's compressive metric, Löw 2012's E2, or Ngan 2005's cosine-weighted metric"
-    return Option(default, text, tuple(OBJECTIVE_NAMES))
 
 
 class SingleLobeModel(Model):
@@ -112,7 +99,7 @@ class SingleLobeModel(Model):
 
     # The fitted vector ------------------------------------------------------------------------------------------
 
-    def _bounds(self, narrow: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(self, narrow: bool = False) -> tuple[np.ndarray, np.ndarray]:
         ranges = {p.name: (p.low, p.high) for p in self.parameters if p.name in self.shape_names}
         for name, other in self.products.items():  # such that both factors stay inside their own ranges
             ranges[name] = (ranges[name][0] * ranges[other][1], ranges[name][1] * ranges[other][0])
@@ -155,8 +142,8 @@ class SingleLobeModel(Model):
     def _fit_squares(self, weights: np.ndarray, table: np.ndarray, seed: int) -> Solution:
         """The best of many starts for a weighted sum of squares."""
         problem = _Squares(self, CellMoments(weights, table, [grid_factor()]))
-        lower, upper = self._bounds()
-        starts = latin_starts(self.n_starts, *self._bounds(narrow=True), seed)
+        lower, upper = self.bounds()
+        starts = latin_starts(self.n_starts, *self.bounds(narrow=True), seed)
         rough = fit_separable(
             problem, starts, lower, upper, follow=self.follow, separation=0.05, max_iterations=30, tolerance=1e-4
         )
@@ -175,7 +162,7 @@ class SingleLobeModel(Model):
         slope = np.where(keep, cosine, 0)[..., None] / (1 + np.nan_to_num(table) * cosine[..., None])
         linearised = self._fit_squares(slope.astype(float) ** 2, table, seed)
         start = np.concatenate([linearised.x, linearised.linear.ravel()])
-        lower, upper = (np.concatenate([b, np.full(6, c)]) for b, c in zip(self._bounds(), (0.0, np.inf)))
+        lower, upper = (np.concatenate([b, np.full(6, c)]) for b, c in zip(self.bounds(), (0.0, np.inf)))
         thin = _E2(self, table, keep, slice(5, None, 10))
         rough = fit_nonlinear(thin, start, lower, upper, max_iterations=40, tolerance=1e-4)
         full = _E2(self, table, keep, slice(None))

@@ -9,8 +9,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from brdfatlas.models.base import Option, Paper, Parameter
-from brdfatlas.models.single_lobe.base import SingleLobeModel, objective_option
+from brdfatlas.angles import theta_d_centres, theta_h_centres
+from brdfatlas.microfacet import schlick, schlick_weight
+from brdfatlas.models.base import Function, Option, Paper, Parameter, Parameters, objective_option
+from brdfatlas.models.single_lobe.base import SingleLobeModel
+from brdfatlas.sampling import Mixture, WardLobe, mixture
 
 
 class Ngan(SingleLobeModel):
@@ -45,8 +48,26 @@ class Ngan(SingleLobeModel):
     def amplitude(self, shape, theta_h, cos_d):
         """D F."""
         m, f0 = shape["m"], shape["f0"]
-        exponent = (np.tan(theta_h) / m) ** 2
-        d = np.exp(-exponent) / (m**2 * np.cos(theta_h) ** 4)
-        grazing = (1 - cos_d) ** 5
+        d, exponent = distribution(theta_h, m)
+        grazing = schlick_weight(cos_d)
         f = f0 + (1 - f0) * grazing
         return d * f, {"f0": d * (1 - grazing), "m": d * f * 2 * (exponent - 1) / m}
+
+    def sampler(self, parameters: Parameters) -> Mixture:
+        kd, ks = (np.asarray(parameters[name], float).sum() for name in ("kd", "ks"))
+        return mixture(kd, [WardLobe(float(parameters["m"][0]))], [ks])
+
+    def functions(self, parameters: Parameters) -> tuple[Function, ...]:
+        """D, with int D cos = pi, and F."""
+        theta_h, theta_d = theta_h_centres(), theta_d_centres()
+        m, f0 = float(parameters["m"][0]), float(parameters["f0"][0])
+        return (
+            Function("D", "theta_h", theta_h, distribution(theta_h, m)[0]),
+            Function("F", "theta_d", theta_d, schlick(np.cos(theta_d), f0)),
+        )
+
+
+def distribution(theta_h, m: float) -> tuple[np.ndarray, np.ndarray]:
+    """D, and its exponent (tan theta_h / m)^2."""
+    exponent = (np.tan(theta_h) / m) ** 2
+    return np.exp(-exponent) / (m**2 * np.cos(theta_h) ** 4), exponent

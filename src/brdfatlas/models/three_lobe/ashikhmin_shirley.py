@@ -5,8 +5,10 @@ rho_s = D F / (4 (wo·h) max(n·wi, n·wo)),  D = (n + 1) / (2 pi) (n·h)^n,  F 
 
 import numpy as np
 
-from brdfatlas.models.base import Parameter
-from brdfatlas.models.three_lobe.base import F0, KD, KS, UNKNOWN_F0, Amplitude, LobeModel, Unknown, schlick
+from brdfatlas.microfacet import schlick, schlick_weight
+from brdfatlas.models.base import Parameter, Parameters
+from brdfatlas.models.three_lobe.base import F0, KD, KS, UNKNOWN_F0, Amplitude, LobeModel, Unknown
+from brdfatlas.sampling import AshikhminShirleyLobe, Lobe
 
 
 class AshikhminShirley(LobeModel):
@@ -30,11 +32,14 @@ class AshikhminShirley(LobeModel):
         n, f0 = shape["n"], shape["f0"]
         log_cos = 0.5 * np.log1p(-np.minimum(sin_h**2, 1 - 1e-16))  # cos alone rounds to 1 where highlights live
         D = (n + 1) / (2 * np.pi) * np.exp(n * log_cos)
-        F = schlick(f0, cos_d)
+        F = schlick(cos_d, f0)
         spread = 4 * np.maximum(cos_d, 1e-12)
         value = D * F / spread
-        return [(value, {"f0": D * (1 - (1 - cos_d) ** 5) / spread, "n": value * (1 / (n + 1) + log_cos)})]
+        return [(value, {"f0": D * (1 - schlick_weight(cos_d)) / spread, "n": value * (1 / (n + 1) + log_cos)})]
 
-    def factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
+    def direction_factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
         """1 / max(n·wi, n·wo)."""
         return [1 / np.maximum(cos_i, cos_o)]
+
+    def lobes(self, parameters: Parameters) -> list[Lobe]:
+        return [AshikhminShirleyLobe(float(n)) for n in parameters["n"]]

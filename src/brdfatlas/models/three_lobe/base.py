@@ -18,9 +18,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, half_difference
+from brdfatlas.constants import E2_ANGLE, OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
-from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result
+from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result, objective_option
 from brdfatlas.objectives import compressive_weights, least_squares_weights
+from brdfatlas.sampling import Lobe, Mixture, mixture
 from brdfatlas.solvers.least_squares import (
     Moments,
     NoFiniteStartError,
@@ -43,11 +45,6 @@ BILGILI2011 = Paper(
 KD = Parameter("kd", (3,), "diffuse albedo, rgb", low=0.0, high=np.inf)
 KS = Parameter("ks", (3,), "specular reflectivity, rgb, shared by the three lobes", low=0.0, high=np.inf)
 F0 = Parameter("f0", (N_LOBES,), "Fresnel reflectance at normal incidence, per lobe", low=0.0, high=1.0)
-
-
-def schlick(f0, cosine) -> np.ndarray:
-    """Schlick's Fresnel approximation f0 + (1 - f0)(1 - cosine)^5 (Schlick 1994)."""
-    return f0 + (1 - f0) * (1 - cosine) ** 5
 
 
 def beckmann_exponential(m, cos_h, sin_h) -> tuple[np.ndarray, np.ndarray]:
@@ -80,11 +77,7 @@ class LobeModel(Model):
     #: what the fit moves; the shape parameters themselves, but where they are tied to each other
     unknowns: ClassVar[tuple[Unknown, ...]]
     options: ClassVar[Mapping[str, Option]] = {
-        "objective": Option(
-            "compressive",
-            "what is minimised: Bagher 2016's compressive metric, Löw 2012's E2, or Ngan 2005's cosine-weighted metric",
-            ("compressive", "e2", "cosine"),
-        ),
+        "objective": objective_option("compressive"),
         "max_angle": Option(
             80.0,
             "compressive only: theta_i, theta_o in degrees within which the metric counts in full; Bagher 2016 has "
@@ -121,13 +114,13 @@ class LobeModel(Model):
         Shirley and Cook–Torrance end up half as far again from the material, by mean |log1p| deviation, as the
         authors' fits. Raises FitError where no start has a finite objective.
         """
-        lower, upper = self._box("low"), self._box("high")
+        lower, upper = self.box("low"), self.box("high")
         try:
             weights = _weights(measured.table, objective, np.deg2rad(max_angle), grazing)
             problem = _LobeProblem(self, measured.table, weights)
             found = fit_separable(
                 problem,
-                latin_starts(starts, self._box("first"), self._box("last"), seed),
+                latin_starts(starts, self.box("first"), self.box("last"), seed),
                 lower,
                 upper,
                 linear=2,
@@ -146,26 +139,30 @@ class LobeModel(Model):
             x, linear, value = found.x[: x.size], found.x[x.size :].reshape(3, 2), found.objective
             details["starts"] = found.starts
         details["history"] = found.history
-        shapes = self._sharpest_first([self.shape(values) for values in self._values(x)])
+        shapes = self._sharpest_first([self.shape(values) for values in self.values(x)])
         parameters = {"kd": linear[:, 0] * np.pi, "ks": linear[:, 1]}
         for p in self.shape_parameters:
             parameters[p.name] = np.clip([shape[p.name] for shape in shapes], p.low, p.high)
-        names = {
-            "compressive": f"compressive (Bagher 2016), relative, rgb averaged; within {max_angle:g} degrees, "
-            f"plus {grazing:g} of that within 89",
-            "cosine": "cosine-weighted root mean square (Ngan 2005)",
-            "e2": "E2 (Löw 2012)",
-        }
+        told = OBJECTIVE_NAMES[objective]
+        if objective == "compressive":
+            told += f"; within {max_angle:g} degrees, plus {grazing:g} of that within 89"
         value = np.sqrt(value) if objective == "cosine" else value
-        return Result(
-            parameters, float(value), names[objective], found.iterations, found.converged, found.message, details
-        )
+        return Result(parameters, float(value), told, found.iterations, found.converged, found.message, details)
+
+    @abstractmethod
+    def lobes(self, parameters: Parameters) -> list[Lobe]:
+        """What each lobe is sampled by."""
+
+    def sampler(self, parameters: Parameters) -> Mixture:
+        """The mixture of Eqs. 40 to 42: each lobe weighs as much as the sum of ks, the diffuse term as that of kd."""
+        kd, ks = (np.asarray(parameters[name], float).sum() for name in ("kd", "ks"))
+        return mixture(kd, self.lobes(parameters), np.full(N_LOBES, ks))
 
     def _refine_e2(self, table: np.ndarray, x: np.ndarray, linear: np.ndarray) -> Solution:
         """Descend in E2 from the compressive optimum: E2 has no linear parameters, and costs a pass a step."""
         problem = _LogProblem(self, table)
-        lower = np.concatenate([self._box("low"), np.zeros(6)])
-        upper = np.concatenate([self._box("high"), np.full(6, np.inf)])
+        lower = np.concatenate([self.box("low"), np.zeros(6)])
+        upper = np.concatenate([self.box("high"), np.full(6, np.inf)])
         start = np.concatenate([x, linear.ravel()])
         return fit_nonlinear(problem, start, lower, upper, follow=1, max_iterations=60, tolerance=1e-4)
 
@@ -177,14 +174,14 @@ class LobeModel(Model):
         """Derivatives by the unknowns from those by the shape parameters. Override where the two differ."""
         return slopes
 
-    def _box(self, side: str) -> np.ndarray:
+    def box(self, side: str) -> np.ndarray:
         """ "low", "high", or a side of the box of starts: unknown by unknown, three lobes each."""
         pick = {"low": lambda u: u.low, "high": lambda u: u.high}
         pick |= {"first": lambda u: u.start[0], "last": lambda u: u.start[1]}
         bounds = [np.log(pick[side](u)) if u.logarithmic else pick[side](u) for u in self.unknowns]
         return np.repeat(np.array(bounds, float), N_LOBES)
 
-    def _values(self, x: np.ndarray) -> list[dict[str, float]]:
+    def values(self, x: np.ndarray) -> list[dict[str, float]]:
         """The unknowns of each lobe, from the fitted vector."""
         rows = x.reshape(-1, N_LOBES)
         return [
@@ -210,7 +207,7 @@ class LobeModel(Model):
         """amplitude_k of one lobe with the shape numbers ``shape`` and its derivatives, at broadcastable angles."""
 
     @abstractmethod
-    def factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
+    def direction_factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
         """factor_k at positive cosines: what does not depend on the parameters."""
 
     def lobe_sum(self, parameters: Parameters, cos_h, sin_h, cos_d) -> list[np.ndarray]:
@@ -228,7 +225,7 @@ class LobeModel(Model):
         theta_h, theta_d, _ = half_difference(wi, wo)
         cos_h, sin_h, cos_d = np.cos(theta_h), np.sin(theta_h), np.cos(theta_d)
         amplitudes = self.lobe_sum(parameters, cos_h, sin_h, cos_d)
-        factors = self.factors(wi[..., 2], wo[..., 2], cos_h, cos_d)
+        factors = self.direction_factors(wi[..., 2], wo[..., 2], cos_h, cos_d)
         specular = sum(a * g for a, g in zip(amplitudes, factors))
         kd, ks = np.asarray(parameters["kd"], float), np.asarray(parameters["ks"], float)
         return kd / np.pi + ks * specular[..., None]
@@ -251,7 +248,7 @@ def grid_factors(model: type[LobeModel]) -> tuple[np.ndarray, ...]:
     """factor_k of a model on the MERL grid, read-only float32 of GRID_SHAPE; finite below the horizon too."""
     theta_h, theta_d, _ = grid_axes()
     cos_i, cos_o = (np.maximum(c, np.float32(1e-6)) for c in grid_cosines())
-    factors = model().factors(cos_i, cos_o, np.cos(theta_h), np.cos(theta_d))
+    factors = model().direction_factors(cos_i, cos_o, np.cos(theta_h), np.cos(theta_d))
     found = tuple(np.broadcast_to(g, GRID_SHAPE).astype(np.float32) for g in factors)
     for g in found:
         g.flags.writeable = False
@@ -276,8 +273,7 @@ class _LogProblem:
     def __init__(self, model: LobeModel, table: np.ndarray) -> None:
         self.model = model
         theta_h, theta_d, _ = grid_axes()
-        limit = np.deg2rad(80.0)
-        keep = (theta_h <= limit) & (theta_d <= limit) & ~np.isnan(table[..., 0])
+        keep = (theta_h <= E2_ANGLE) & (theta_d <= E2_ANGLE) & ~np.isnan(table[..., 0])
         self.cells = LogCells(table, keep, grid_cosines()[0], grid_factors(type(model)))
 
     def value(self, x: np.ndarray) -> float:
@@ -292,7 +288,7 @@ def lobe_columns(model: LobeModel, x: np.ndarray, derivatives: bool) -> np.ndarr
     theta_h, theta_d, _ = grid_axes()
     cos_h, sin_h, cos_d = np.cos(theta_h[..., 0]), np.sin(theta_h[..., 0]), np.cos(theta_d[..., 0])
     columns = np.zeros((1 + (x.size if derivatives else 0), len(grid_factors(type(model))), *GRID_SHAPE[:2]))
-    for j, values in enumerate(model._values(x)):
+    for j, values in enumerate(model.values(x)):
         shape = model.shape(values)
         for k, (value, by_shape) in enumerate(model.amplitudes(shape, cos_h, sin_h, cos_d)):
             columns[0, k] += value

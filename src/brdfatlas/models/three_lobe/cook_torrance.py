@@ -7,8 +7,10 @@ Eq. 10 prints the Fresnel exponent 2. The published parameters were made with 5:
 
 import numpy as np
 
-from brdfatlas.models.base import Parameter
+from brdfatlas.microfacet import schlick_weight, v_groove
+from brdfatlas.models.base import Parameter, Parameters
 from brdfatlas.models.three_lobe.base import F0, KD, KS, UNKNOWN_F0, Amplitude, LobeModel, Unknown, beckmann_exponential
+from brdfatlas.sampling import Lobe, WardLobe
 
 
 class CookTorrance(LobeModel):
@@ -26,6 +28,7 @@ class CookTorrance(LobeModel):
     )
     parameters = (KD, KS, F0, Parameter("m", (3,), "root mean square slope of each lobe", low=3e-4, high=10.0))
     unknowns = (UNKNOWN_F0, Unknown("m", 3e-4, 10.0, (0.005, 1.0), logarithmic=True))
+    #: 2 in print; see above.
     fresnel_exponent = 5
 
     def amplitudes(self, shape, cos_h, sin_h, cos_d) -> list[Amplitude]:
@@ -33,11 +36,14 @@ class CookTorrance(LobeModel):
         m, f0 = shape["m"], shape["f0"]
         exponential, exponent = beckmann_exponential(m, cos_h, sin_h)
         D = exponential / (m**2 * cos_h**4)
-        grazing = (1 - cos_d) ** self.fresnel_exponent
+        grazing = schlick_weight(cos_d, self.fresnel_exponent)
         F = f0 + (1 - f0) * grazing
         return [(D * F, {"f0": D * (1 - grazing), "m": D * F * 2 * (exponent - 1) / m})]
 
-    def factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
+    def direction_factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
         """G / (pi (n·wo) (n·wi)), Eq. 9."""
-        G = np.minimum(1, 2 * cos_h * np.minimum(cos_i, cos_o) / np.maximum(cos_d, 1e-12))
-        return [G / (np.pi * cos_o * cos_i)]
+        return [v_groove(cos_h, cos_i, cos_o, np.maximum(cos_d, 1e-12)) / (np.pi * cos_o * cos_i)]
+
+    def lobes(self, parameters: Parameters) -> list[Lobe]:
+        """By Ward's procedure, as the supplement does."""
+        return [WardLobe(float(m)) for m in parameters["m"]]

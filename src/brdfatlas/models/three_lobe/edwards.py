@@ -7,8 +7,10 @@ rho_s = D(H) F(n·wo), because ||wi + wo||^2 = 4 (wi·h)^2 always. H = wi + wo i
 
 import numpy as np
 
-from brdfatlas.models.base import Parameter
+from brdfatlas.microfacet import schlick_weight
+from brdfatlas.models.base import Parameter, Parameters
 from brdfatlas.models.three_lobe.base import F0, KD, KS, UNKNOWN_F0, Amplitude, LobeModel, Unknown
+from brdfatlas.sampling import EdwardsLobe, Lobe
 
 
 class Edwards(LobeModel):
@@ -68,6 +70,9 @@ class Edwards(LobeModel):
             "n": slopes["n"] + slopes["R"] * R / (2 * (n + 1)),
         }
 
-    def factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
+    def direction_factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
         """1 and (1 - n·wo)^5."""
-        return [np.ones_like(cos_o), (1 - cos_o) ** 5]
+        return [np.ones_like(cos_o), schlick_weight(cos_o)]
+
+    def lobes(self, parameters: Parameters) -> list[Lobe]:
+        return [EdwardsLobe(float(R), float(n)) for R, n in zip(parameters["R"], parameters["n"])]

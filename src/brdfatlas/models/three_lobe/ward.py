@@ -5,8 +5,9 @@ rho_s = D / sqrt((n·wo) (n·wi)),  D = exp(-(tan theta_h / alpha)^2) / (4 pi al
 
 import numpy as np
 
-from brdfatlas.models.base import Parameter
+from brdfatlas.models.base import Parameter, Parameters
 from brdfatlas.models.three_lobe.base import KD, KS, Amplitude, LobeModel, Unknown, beckmann_exponential
+from brdfatlas.sampling import Lobe, WardLobe
 
 
 class Ward(LobeModel):
@@ -29,6 +30,9 @@ class Ward(LobeModel):
         D = exponential / (4 * np.pi * alpha**2)
         return [(D, {"alpha": D * 2 * (exponent - 1) / alpha})]
 
-    def factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
+    def direction_factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
         """1 / sqrt((n·wo) (n·wi))."""
         return [1 / np.sqrt(cos_o * cos_i)]
+
+    def lobes(self, parameters: Parameters) -> list[Lobe]:
+        return [WardLobe(float(alpha)) for alpha in parameters["alpha"]]

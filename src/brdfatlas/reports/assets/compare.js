@@ -65,7 +65,7 @@
     store.set(id, entry);
     const [m, s, model] = id.split("/");
     const script = document.createElement("script");
-    script.src = `materials/${encodeURIComponent(m)}/${encodeURIComponent(s)}-${encodeURIComponent(model)}-hdr.js`;
+    script.src = `materials/${encodeURIComponent(m)}/renders/${encodeURIComponent(s)}/${encodeURIComponent(model)}/hdr.js`;
     script.onerror = () => { entry.error = A.reasons[`${m}/${model}`] || "this run made no picture of it"; entry.done(); };
     script.onload = () => script.remove();
     document.head.append(script);

@@ -1,0 +1,108 @@
+"""Entries: the rows of a comparison, each a model with options. A line of config/models.yaml is one.
+
+    name: {model: CLASS, option: value, ...}
+
+``model`` defaults to the name. So one class with two options stands twice in a run, under two names.
+"""
+
+import inspect
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
+from brdfatlas.models.base import Model
+from brdfatlas.models.loading import BUILTIN, load_model
+from brdfatlas.settings import ConfigError, check, check_name, read_yaml
+
+#: The package's own copy of config/models.yaml and of its schema; links in a checkout.
+TABLE = Path(__file__).with_name("models.yaml")
+SCHEMA = Path(__file__).with_name("models.schema.yaml")
+#: Names that a run uses beside those of entries.
+RESERVED = (REFERENCE, REFERENCE_AGAIN)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A row: its name, the name of its model's class, options of the fit, and the files that it needs.
+
+    ``source``: the Python file of a model that is not part of a package; ``parameters``: a file of given parameters,
+    which stand in place of a fit. Paths count from the working directory.
+    """
+
+    name: str
+    model: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    source: str | None = None
+    parameters: str | None = None
+
+    @classmethod
+    def of(cls, name: str, row: Mapping[str, Any] | None) -> "Entry":
+        """From a line of config/models.yaml; None stands for an empty row."""
+        row = dict(row or {})
+        model, source, parameters = (row.pop(key, None) for key in ("model", "source", "parameters"))
+        return cls(name, model or name, row, source, parameters)
+
+    @cached_property
+    def instance(self) -> Model:
+        """The model with this entry's options for defaults.
+
+        KeyError for an unknown model, ImportError for a file that cannot be used, ValueError for a wrong option.
+        """
+        return load_model(self.model, self.source).with_options(self.options)
+
+    @property
+    def title(self) -> str:
+        return self.instance.title
+
+    @property
+    def bytes(self) -> int:
+        """Storage of one fit, in bytes."""
+        return self.instance.bytes
+
+    @property
+    def free_parameters(self) -> int:
+        """How many numbers one fit has."""
+        return self.instance.free_parameters
+
+    @property
+    def module(self) -> str:
+        """Where the class is: a dotted module of this package, or a Python file."""
+        return self.source or BUILTIN.get(self.model) or inspect.getfile(type(self.instance))
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """The entry as plain values: ``Entry(**entry.plain)`` is the entry again."""
+        return asdict(self)
+
+
+def read_entries(path: str | Path) -> dict[str, Entry]:
+    """The entries of a file such as config/models.yaml, in its order; every option is checked by its model.
+
+    ConfigError: one line with file, name and remedy.
+    """
+    rows = check(read_yaml(path), read_yaml(SCHEMA), str(path))
+    entries = {}
+    for name, row in rows.items():
+        check_name(name, str(path))
+        if name in RESERVED:
+            raise ConfigError(f"{path}: {name}: this name is reserved, choose another")
+        entry = entries[name] = Entry.of(name, row)
+        try:
+            _ = entry.instance
+        except KeyError as error:
+            raise ConfigError(f"{path}: {name}: {error.args[0]}; a model of your own needs source: FILE.py") from None
+        except (ValueError, ImportError) as error:
+            raise ConfigError(f"{path}: {name}: {error}".replace("\n", " ")) from None
+        if entry.parameters and not Path(entry.parameters).is_file():
+            raise ConfigError(f"{path}: {name}: parameters: {entry.parameters}: no such file; correct the path")
+    return entries
+
+
+@cache
+def builtin_entries() -> dict[str, Entry]:
+    """The entries that the package knows by name, from its own table; models are not loaded."""
+    rows = check(read_yaml(TABLE), read_yaml(SCHEMA), str(TABLE))
+    return {name: Entry.of(name, row) for name, row in rows.items()}

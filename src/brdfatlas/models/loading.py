@@ -1,0 +1,146 @@
+"""Classes of models by name: those of the package, of installed packages and of files outside any package."""
+
+import importlib
+import importlib.util
+import inspect
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from brdfatlas.models.base import FitError, Model
+
+#: name of a class -> its module.
+BUILTIN = {
+    "tabulated": "brdfatlas.models.dupuy2015.tabulated",
+    "gaussian": "brdfatlas.models.dupuy2015.gaussian",
+    "ggx": "brdfatlas.models.dupuy2015.ggx",
+    "sgd": "brdfatlas.models.sgd",
+    "abc": "brdfatlas.models.single_lobe.abc",
+    "ngan": "brdfatlas.models.single_lobe.ngan",
+    "ashikhmin_shirley": "brdfatlas.models.three_lobe.ashikhmin_shirley",
+    "cook_torrance": "brdfatlas.models.three_lobe.cook_torrance",
+    "edwards": "brdfatlas.models.three_lobe.edwards",
+    "ward": "brdfatlas.models.three_lobe.ward",
+    "ward_duer": "brdfatlas.models.three_lobe.ward_duer",
+    "lawrence": "brdfatlas.models.factorised.lawrence",
+    "tucker": "brdfatlas.models.factorised.tucker",
+    "naive": "brdfatlas.models.bagher2016.naive",
+    "g_from_d": "brdfatlas.models.bagher2016.g_from_d",
+    "independent_g": "brdfatlas.models.bagher2016.independent_g",
+    "bivariate": "brdfatlas.models.bagher2016.bivariate",
+    "bivariate_g": "brdfatlas.models.bagher2016.bivariate_g",
+    "low_rank": "brdfatlas.models.bagher2016.low_rank",
+}
+#: The group of entry points by which an installed package offers models, name = "package.module:Class".
+GROUP = "brdfatlas.models"
+#: What a class must say of its model, beside ``fit`` and ``evaluate``.
+STATED = ("name", "title", "paper", "equations", "formula", "parameters")
+
+
+def installed_models() -> dict[str, str]:
+    """Models of installed packages, name -> "package.module:Class"."""
+    return {point.name: point.value for point in entry_points(group=GROUP)}
+
+
+def load_model(name: str, source: str | Path | None = None) -> Model:
+    """The model whose class has this name, with the options' defaults; ``source``: the file that holds the class.
+
+    KeyError for a name that nobody knows, ImportError for a file or a package that cannot be used.
+    """
+    if source:
+        path = Path(source)
+        if not path.is_file():
+            return load_model_file(path, name)  # which says what is wrong
+        return _from_file(path, name, path.stat().st_mtime_ns)
+    return _by_name(name)
+
+
+def load_model_file(path: str | Path, name: str | None = None) -> Model:
+    """The model in a Python file outside the package. ImportError names the file and what is wrong with it."""
+    path = Path(path)
+    if not path.is_file():
+        raise ImportError(f"{path}: {'not a regular file' if path.exists() else 'no such model file'}")
+    if path.suffix != ".py":
+        raise ImportError(f"{path}: a model's file ends in .py; rename it")
+    spec = importlib.util.spec_from_file_location(f"brdfatlas_user_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    with _loading(str(path), str(spec.origin)):
+        spec.loader.exec_module(module)
+    model = _only_model(module, str(path), name)
+    with _loading(str(path), str(spec.origin)):
+        return model()
+
+
+@cache
+def _from_file(path: Path, name: str, _time: int) -> Model:
+    """A fit evaluates often: the file is read once, and again when it changes."""
+    return load_model_file(path, name)
+
+
+def _by_name(name: str) -> Model:
+    if name in BUILTIN:
+        return _only_model(importlib.import_module(BUILTIN[name]), BUILTIN[name], name)()
+    for point in entry_points(group=GROUP):
+        if point.name == name:
+            with _loading(point.value):
+                return point.load()()
+    raise KeyError(f"unknown model {name!r}; known: {', '.join([*BUILTIN, *installed_models()])}")
+
+
+def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
+    classes = [
+        item
+        for item in vars(module).values()
+        if inspect.isclass(item)
+        and issubclass(item, Model)
+        and not inspect.isabstract(item)
+        and item.__module__ == module.__name__
+    ]
+    found = [item for item in classes if name is None or getattr(item, "name", None) == name]
+    for item in found or classes:
+        for attribute in STATED:
+            if not hasattr(item, attribute):
+                raise ImportError(f"{origin}: class {item.__name__} states no {attribute}")
+    if len(found) != 1:
+        wanted = f"named {name!r}" if name else "and no more"
+        raise ImportError(f"{origin}: expected one Model class {wanted}, found {len(found)}")
+    return found[0]
+
+
+@contextmanager
+def _loading(origin: str, file: str = "") -> Iterator[None]:
+    """Any fault in the code of a model from outside as ImportError: one line, with the number of that in ``file``.
+
+    ``sys.exit`` is one of them: it would end the program with whatever status the model names.
+    """
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+        if isinstance(error, SyntaxError) and error.filename == file:
+            lines = [error.lineno]
+        place = f"line {lines[-1]}: " if lines else ""
+        message = error.msg if isinstance(error, SyntaxError) else str(error)
+        raise ImportError(" ".join(f"{origin}: {place}{type(error).__name__}: {message}".split())) from error
+
+
+@contextmanager
+def own_faults(model: Model, material: str) -> Iterator[None]:
+    """Any fault in the code of a model from outside as FitError: one line with its place in the model's file."""
+    file = getattr(getattr(model.fit, "__code__", None), "co_filename", "")
+    try:
+        yield
+    except (MemoryError, OSError, FitError):
+        raise
+    except (Exception, SystemExit) as error:
+        if type(model).__module__.startswith("brdfatlas."):
+            raise
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+        place = f"{file}: line {lines[-1]}: " if lines else ""
+        message = " ".join(f"{place}{type(error).__name__}: {error}".split())
+        raise FitError(f"{model.name} on {material}: {message}") from error

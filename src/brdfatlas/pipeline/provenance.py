@@ -1,0 +1,122 @@
+"""What a result is made of besides its inputs: source files and libraries, in one line a rule.
+
+Snakemake sees inputs, parameters and scripts. It does not see the modules that a script imports, nor the versions of
+libraries. :func:`provenance` says both in a short text that rules take as a parameter, so that a result is made anew
+when one of them changes. A comment, a docstring or an empty line changes no result and counts for nothing.
+"""
+
+import dis
+import hashlib
+from collections.abc import Iterator, Sequence
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from types import CodeType
+
+PACKAGE = "brdfatlas"
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def module_path(module: str) -> Path | None:
+    """The file of a module of this package; None for a package's ``__init__`` and for what is not ours.
+
+    An ``__init__`` only gathers names, and the registry's must not tie every model to every other.
+    """
+    parts = module.split(".")
+    if parts[0] != PACKAGE or len(parts) == 1:
+        return None
+    path = ROOT.joinpath(*parts[1:]).with_suffix(".py")
+    return path if path.is_file() else None
+
+
+@cache
+def _compiled(path: Path) -> CodeType:
+    """The code of a file without docstrings and assertions."""
+    return compile(path.read_bytes(), path.name, "exec", dont_inherit=True, optimize=2)
+
+
+def _blocks(code: CodeType) -> Iterator[CodeType]:
+    """The code of a module and of everything defined in it, at every depth."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _blocks(constant)
+
+
+@cache
+def imports_of(path: Path) -> tuple[str, ...]:
+    """Modules of this package that a file names in its import statements, anywhere in it."""
+    names: list[str] = []
+    for block in _blocks(_compiled(path)):
+        if not any(name == PACKAGE or name.startswith(f"{PACKAGE}.") for name in block.co_names):
+            continue
+        members: Sequence[str] | None = None
+        for instruction in dis.get_instructions(block):
+            if instruction.opname == "IMPORT_NAME":
+                names.append(instruction.argval)
+                names += [f"{instruction.argval}.{member}" for member in members or ()]
+            elif instruction.opname == "LOAD_CONST":
+                members = instruction.argval if isinstance(instruction.argval, tuple) else None
+    return tuple(name for name in names if name.startswith(f"{PACKAGE}."))
+
+
+@cache
+def sources_of(*modules: str) -> tuple[Path, ...]:
+    """Source files that ``modules`` (dotted names, or paths of model files) depend on, transitively.
+
+    FileNotFoundError for a module that has no file.
+    """
+    pending: list[Path] = []
+    for module in modules:
+        path = Path(module) if module.endswith(".py") else module_path(module)
+        if path is None or not path.is_file():
+            raise FileNotFoundError(f"no source file for {module}")
+        pending.append(path)
+    found: set[Path] = set()
+    while pending:
+        path = pending.pop().resolve()
+        if path not in found:
+            found.add(path)
+            pending += [target for name in imports_of(path) if (target := module_path(name))]
+    return tuple(sorted(found))
+
+
+def _content(code: CodeType) -> tuple:
+    """What a block does: instructions, names and constants; neither its place in the file nor its docstring."""
+    names = (code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
+    arguments = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags)
+    return code.co_code, names, arguments, tuple(_constant(item) for item in code.co_consts)
+
+
+def _constant(item: object) -> object:
+    if isinstance(item, CodeType):
+        return _content(item)
+    return sorted(map(repr, item)) if isinstance(item, frozenset) else item  # its own order changes with the process
+
+
+@cache
+def _source_digest(path: Path) -> str:
+    return hashlib.sha256(repr((path.name, _content(_compiled(path)))).encode()).hexdigest()
+
+
+@cache
+def _file_digest(path: Path) -> str:
+    return hashlib.sha256(path.name.encode() + b"\0" + path.read_bytes()).hexdigest()
+
+
+def shipped(pattern: str) -> list[Path]:
+    """Files of the package that are no modules, by a pattern below its folder: "reports/templates/*.j2"."""
+    return sorted(path for path in ROOT.glob(pattern) if not path.name.startswith("."))
+
+
+@cache
+def provenance(*modules: str, libraries: tuple[str, ...] = (), files: tuple[str, ...] = ()) -> str:
+    """One line that changes with what a result is made of: "3f0a... numpy 2.2.1, scipy 1.15.0".
+
+    ``modules``: what the job calls (with all that it imports); ``libraries``: distributions whose version counts;
+    ``files``: patterns of :func:`shipped` files.
+    """
+    parts = [_source_digest(path) for path in sources_of(*modules)]
+    parts += [_file_digest(path) for pattern in files for path in shipped(pattern)]
+    digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    return f"{digest} {', '.join(f'{name} {version(name)}' for name in libraries)}".strip()

@@ -1,0 +1,122 @@
+"""What a run records of its materials and of itself: descriptions, versions, verdict."""
+
+import hashlib
+import json
+import platform
+import subprocess
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from brdfatlas import __version__
+from brdfatlas.angles import above_horizon
+from brdfatlas.files import write_json
+from brdfatlas.measured import Measured, read_merl
+from brdfatlas.measures.diffuseness import diffuseness, material_class
+from brdfatlas.measures.physics import directional_albedo
+
+
+def describe_material(measured: Measured) -> dict[str, Any]:
+    """What a reader wants to know of a material before its fits; JSON-able."""
+    valid = measured.valid
+    values = measured.table[valid]
+    spread = diffuseness(measured)
+    return {
+        "name": measured.name,
+        "title": measured.name.replace("-", " "),
+        "standin": measured.standin,
+        "source": "built-in stand-in: median of five published fits" if measured.standin else str(measured.path),
+        "valid_cells": int(valid.sum()),
+        "cells_above_horizon": int(above_horizon().sum()),
+        "range": [float(values.min()), float(values.max())],
+        "median": np.median(values, axis=0),
+        "albedo": directional_albedo(measured.evaluate, np.deg2rad(30.0)),
+        "albedo_angle_degrees": 30.0,
+        "diffuseness": spread,
+        "class": material_class(spread),
+    }
+
+
+def describe_material_job(binary: str, standin: bool, output: str) -> None:
+    """Write the description of one material."""
+    digest = hashlib.sha256(Path(binary).read_bytes()).hexdigest()
+    write_json(output, describe_material(read_merl(binary, standin=standin)) | {"sha256": digest})
+
+
+def revision(root: Path) -> str:
+    """The git revision of the checkout, with "+" if files differ from it; "unknown" outside git."""
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=20)
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    try:
+        head = git("rev-parse", "--short=12", "HEAD")
+        return (head + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")) if head else "unknown"
+    except (OSError, subprocess.TimeoutExpired):
+        return "unknown"
+
+
+#: Other packages whose versions a report's numbers depend on.
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "pandas",
+    "mitsuba",
+    "drjit",
+    "scikit-image",
+    "flip-evaluator",
+    "OpenEXR",
+    "snakemake",
+)
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python, of this package and of those that make results."""
+    ours = {"python": platform.python_version(), "brdfatlas": __version__}
+    return ours | {name: version(name) for name in PACKAGES}
+
+
+def manifest(
+    config: Mapping[str, Any],
+    models: Mapping[str, Any],
+    materials: Mapping[str, str],
+    left_out: Sequence[Mapping],
+    descriptions: Sequence[str],
+    revision: str,
+    versions: Mapping[str, str],
+) -> dict[str, Any]:
+    """Everything that is needed to repeat a run: configuration, seeds, versions, inputs with checksums, revision."""
+    described = [json.loads(Path(path).read_text(encoding="utf-8")) for path in descriptions]
+    return {
+        "revision": revision,
+        "versions": versions,
+        "machine": f"{platform.system()} {platform.machine()}",
+        "config": config,
+        "models": models,
+        "inputs": [{key: d[key] for key in ("name", "source", "sha256", "standin")} for d in described],
+        "binaries": materials,
+        "left_out": list(left_out),
+    }
+
+
+def failures(reports: Sequence[str]) -> list[str]:
+    """One line for each failed fit among report files."""
+    lines = []
+    for path in reports:
+        report = json.loads(Path(path).read_text(encoding="utf-8"))
+        if report["status"] != "ok":
+            lines.append(f"{report['model']} on {report['material']}: {report['reason']}")
+    return lines
+
+
+def check_failures_job(reports: Sequence[str], output: str) -> None:
+    """Write the verdict if every fit succeeded; else list the failures and exit with 1, after the report is out."""
+    lines = failures(reports)
+    if lines:
+        raise SystemExit("\n".join([f"{len(lines)} of {len(reports)} fits failed; the report says so:", *lines]))
+    Path(output).write_text(f"all {len(reports)} fits succeeded\n", encoding="utf-8")
