@@ -9,9 +9,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, N_PHI_D, half_difference
+from brdfatlas.compiled import njit
 
 N_CELLS = int(np.prod(GRID_SHAPE))
 #: What a table may be: a measurement, somebody's reconstruction of one (a network, a fit), or a built-in stand-in.

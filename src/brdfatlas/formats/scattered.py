@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import RegularGridInterpolator
 from scipy.linalg import lapack
 from scipy.spatial import ConvexHull, QhullError, cKDTree
@@ -28,6 +27,7 @@ from brdfatlas.angles import (
     theta_d_centres,
     theta_h_centres,
 )
+from brdfatlas.compiled import njit
 from brdfatlas.measured import MeasuredError
 
 #: Values below this part of a channel's median are raised to it before the logarithm: noise around 0.

@@ -17,9 +17,9 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, phi_d_centres, theta_d_centres, theta_h_centres
+from brdfatlas.compiled import njit
 from brdfatlas.constants import E2_ANGLE, OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.models.base import FitError, Function, Model, Option, Parameters, Result
