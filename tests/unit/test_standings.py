@@ -156,8 +156,13 @@ def test_a_material_gets_lobes_and_the_functions_of_the_fits_that_it_has(materia
     figures_job(
         material / "stuff.binary", ["ggx", "gaussian"], material / "fits", material / "out", material / "list.json"
     )
-    assert list(read_json(material / "list.json")["figures"]) == ["functions/ggx.svg", "lobes.svg"]
-    assert files_in(material / "out") == {"functions/ggx.svg", "lobes.svg"}
+    assert list(read_json(material / "list.json")["figures"]) == [
+        "curves.js",
+        "functions.svg",
+        "functions/ggx.svg",
+        "lobes.svg",
+    ]
+    assert files_in(material / "out") == {"functions/ggx.svg", "lobes.svg", "functions.svg", "curves.js"}
     assert "GGX" in (material / "out" / "lobes.svg").read_text()
 
 
@@ -171,16 +176,16 @@ def test_a_factor_model_gets_curves_slices_weights_and_its_convergence(material)
     args = (material / "stuff.binary", ["ggx", "g_from_d"], material / "fits", material / "out")
     figures_job(*args, material / "list.json")
     expected = {"lobes.svg", "functions/ggx.svg", "functions/g_from_d.svg", "convergence/g_from_d.svg"}
-    expected |= {"slices.webp", "weights.svg"}
+    expected |= {"slices.webp", "weights.svg", "functions.svg", "curves.js"}
     assert set(read_json(material / "list.json")["figures"]) == expected
     assert files_in(material / "out") == expected
     figures_job(material / "stuff.binary", ["ggx"], *args[2:], material / "list.json")
-    assert files_in(material / "out") == {"lobes.svg", "functions/ggx.svg"}
+    assert files_in(material / "out") == {"lobes.svg", "functions/ggx.svg", "functions.svg", "curves.js"}
 
 
 def test_a_material_without_any_fit_still_shows_its_own_lobes(material):
     from brdfatlas.figures.jobs import figures_job
 
     figures_job(material / "stuff.binary", ["gaussian"], material / "fits", material / "out", material / "list.json")
-    assert list(read_json(material / "list.json")["figures"]) == ["lobes.svg"]
+    assert list(read_json(material / "list.json")["figures"]) == ["curves.js", "lobes.svg"]
     assert (material / "out" / "lobes.svg").stat().st_size > 1000

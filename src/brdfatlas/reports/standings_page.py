@@ -9,11 +9,12 @@ from typing import Any
 
 import pandas as pd
 
+from brdfatlas.constants import REFERENCE_AGAIN
 from brdfatlas.files import atomic_path
 from brdfatlas.measures.ranking import TOLD_APART
 from brdfatlas.measures.tables import CLASSES, TIE_DB
 from brdfatlas.measures.tsv import read_tsv
-from brdfatlas.reports.data import NOISE_FLOOR, model_facts
+from brdfatlas.reports.data import model_facts
 from brdfatlas.reports.pages import find_picture, render_page
 
 #: Columns of the table of classes: measure, heading, decimals, whether more is better.
@@ -78,16 +79,16 @@ def scene_rows(summary: pd.DataFrame, models: Sequence[str]) -> dict[str, Any]:
         column = column[column.index.isin(models) & column.apply(comparable, axis=1).astype(bool)]
         best[scene] = column["psnr_db_mean"].max()
     rows = []
-    for model in [*models, NOISE_FLOOR]:
+    for model in [*models, REFERENCE_AGAIN]:
         if (model, "all") not in part.index:
             continue
         cells = []
         for scene in [*names, "all"]:
             row = part.loc[(model, scene)] if (model, scene) in part.index else None
             value = float("nan") if row is None else float(row["psnr_db_mean"])
-            is_best = model != NOISE_FLOOR and row is not None and comparable(row) and value == best[scene]
+            is_best = model != REFERENCE_AGAIN and row is not None and comparable(row) and value == best[scene]
             cells.append({"value": value, "best": is_best})
-        rows.append({"model": model, "floor": model == NOISE_FLOOR, "cells": cells})
+        rows.append({"model": model, "floor": model == REFERENCE_AGAIN, "cells": cells})
     return {"names": names, "rows": rows}
 
 
@@ -100,7 +101,7 @@ def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, A
             continue
         judged = [name for name in models if name in part.index and comparable(part.loc[name])]
         rows = []
-        for name in [*(name for name in models if name in part.index), NOISE_FLOOR]:
+        for name in [*(name for name in models if name in part.index), REFERENCE_AGAIN]:
             if name not in part.index:
                 continue
             cells = []
@@ -112,7 +113,7 @@ def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, A
                     )
                     cells.append({"value": part.loc[name, f"{measure}_{kind}"], "places": places, "best": bool(best)})
             counts = {key: int(part.loc[name, key]) for key in ("count", "failed", "bounds")}
-            rows.append({"model": name, "floor": name == NOISE_FLOOR, "cells": cells} | counts)
+            rows.append({"model": name, "floor": name == REFERENCE_AGAIN, "cells": cells} | counts)
         tables.append({"class": class_name, "rows": rows})
     return tables
 
