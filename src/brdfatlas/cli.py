@@ -154,15 +154,16 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def export_command(args: argparse.Namespace) -> dict[str, Any]:
-    """Write a fit, or its importance sampler, as JSON for other programs."""
-    from brdfatlas.export.fit_json import export_json
-    from brdfatlas.export.sampler import export_sampler
+    """Write a fit for another program: a renderer's material, JSON, its sampler, a MERL table."""
+    from brdfatlas.export.facts import with_report
+    from brdfatlas.export.targets import export
 
-    write, what = (export_sampler, "sampler") if args.sampler else (export_json, "fit")
-    write(load_fit(args.fit, args.source), args.output)
+    fitted = with_report(load_fit(args.fit, args.source), args.fit)
+    target = "sampler" if args.sampler else args.to
+    files = export(fitted, target, args.output)
     if not args.json:
-        print(f"{args.output}: the {what} of {args.fit} as JSON")
-    return {"fit": args.fit, "output": args.output, "what": what}
+        print(f"{', '.join(map(str, files))}: {args.fit} for {target}")
+    return {"fit": args.fit, "output": args.output, "target": target, "files": files}
 
 
 def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
@@ -260,7 +261,8 @@ def parser() -> argparse.ArgumentParser:
     own_model(sub)
     sub = command("export", export_command, output=True)
     sub.add_argument("fit", metavar="FIT")
-    sub.add_argument("--sampler", action="store_true", help="the importance sampler of an analytic fit")
+    sub.add_argument("--to", metavar="TARGET", default="json", help="mitsuba, materialx, gltf, json, sampler or merl")
+    sub.add_argument("--sampler", action="store_true", help="the same as --to sampler")
     own_model(sub)
     sub = command("uber-texture", uber_texture_command, output=True)
     sub.add_argument("fits", metavar="FIT", nargs="+")
