@@ -31,6 +31,15 @@ if TYPE_CHECKING:
 USER_FAULTS = (MeasuredError, FitError, ValueError, KeyError, ImportError, OSError, MemoryError)
 #: Kinds of output that are text, which `-o -` writes to standard output.
 TEXT = ("JSON", "XML", "MaterialX")
+#: Targets of `export` with the kind of file that each is.
+EXPORTS = {
+    "json": "JSON",
+    "sampler": "JSON",
+    "mitsuba": "XML",
+    "materialx": "MaterialX",
+    "gltf": "glTF",
+    "merl": "MERL table",
+}
 #: Exit statuses of a shell for a command that SIGINT or SIGPIPE ended.
 INTERRUPTED, BROKEN_PIPE = 130, 141
 
@@ -234,15 +243,16 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def export_command(args: argparse.Namespace) -> dict[str, Any]:
-    """Write a fit, or its importance sampler, as JSON for other programs."""
-    from brdfatlas.export.fit_json import export_json
-    from brdfatlas.export.sampler import export_sampler
+    """Write a fit for another program: a renderer's material, JSON, its sampler, a MERL table."""
+    from brdfatlas.export.facts import with_report
+    from brdfatlas.export.targets import export
 
-    write, what = (export_sampler, "sampler") if args.sampler else (export_json, "fit")
-    write(load_fit(args.fit, args.source), args.output)
+    fitted = with_report(load_fit(args.fit, args.source), args.fit)
+    target = "sampler" if args.sampler else args.to
+    files = export(fitted, target, args.output)
     if not args.json:
-        say(f"{args.output}: the {what} of {args.fit} as JSON")
-    return {"fit": args.fit, "output": args.output, "what": what}
+        say(f"{', '.join(map(str, files))}: {args.fit} for {target}")
+    return {"fit": args.fit, "output": args.output, "target": target, "files": files}
 
 
 def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
@@ -409,7 +419,8 @@ def parser() -> argparse.ArgumentParser:
     command("table", table_command, ["fit"], "MERL table", source=True).add_argument("fit", **fit_of)
     sub = command("export", export_command, ["fit"], "JSON", source=True)
     sub.add_argument("fit", **fit_of)
-    sub.add_argument("--sampler", action="store_true", help="the importance sampler of an analytic fit")
+    sub.add_argument("--to", metavar="TARGET", default="json", choices=list(EXPORTS), help=", ".join(EXPORTS))
+    sub.add_argument("--sampler", action="store_true", help="the same as --to sampler")
     sub = command("uber-texture", uber_texture_command, ["fits"], "EXR picture", source=True)
     sub.add_argument("fits", metavar="FIT", nargs="+", help="fits of one model, one a material, at most 128")
     sub = command("compare", compare_command, ["a", "b"], source=True)
@@ -441,6 +452,8 @@ def check_arguments(args: argparse.Namespace) -> None:
     output = getattr(args, "output", None)
     given = [getattr(args, name, None) or [] for name in args.reads]
     inputs = [path for value in given for path in ([value] if isinstance(value, str) else value)]
+    if args.command == "export":
+        args.writes = EXPORTS["sampler" if args.sampler else args.to]
     if output == "-" and (args.writes not in TEXT or args.json):
         fault = "the result is printed there" if args.json else f"{args.writes} is no text"
         raise FileFault(f"-o -: standard output cannot be the file, {fault}; name a file")

@@ -379,6 +379,11 @@ class Problem:
         return float(residual @ residual) + self.samples.rest, rows @ residual, rows @ rows.T
 
 
+def shortest(values: np.ndarray) -> list[float]:
+    """Numbers with the fewest decimals that give back the stored ones."""
+    return [float(str(value)) for value in np.asarray(values).ravel()]
+
+
 def microfacet_functions(alphas: Mapping[str, float], fresnel_values: np.ndarray) -> tuple[Function, ...]:
     """D and G1 of GGX lobes, symbol suffix -> alpha, and F at the grid's theta_d, (90,) or (90, 3)."""
     theta_h, theta_d = theta_h_centres(), theta_d_centres()

@@ -26,6 +26,7 @@ from brdfatlas.models.engine.base import (
     fresnel,
     ggx,
     microfacet_functions,
+    shortest,
     visible_separable,
 )
 from brdfatlas.sampling import Diffuse, GgxLobe, Mixture
@@ -362,6 +363,6 @@ class OpenPBR(EngineModel):
             return None
         inputs: dict[str, Any] = {}
         for p in self.parameters:
-            values = [float(v) for v in parameters[p.name]]
+            values = shortest(parameters[p.name])
             inputs[p.name] = values if p.count == 3 else values[0]
         return {"node": "open_pbr_surface", "inputs": inputs}
