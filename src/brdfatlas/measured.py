@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon, half_difference
+from brdfatlas.compiled import compiled
 from brdfatlas.files import atomic_path
 
 N_CELLS = int(np.prod(GRID_SHAPE))
@@ -51,7 +51,7 @@ class Measured:
         return look_up(extend(self.table, self.valid), wi, wo)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _decode(stored, scale, above, table):
     """Scale, interleave and mask the planar file; returns the numbers of non-finite and of valid cells."""
     n = above.size
@@ -156,7 +156,7 @@ def extension_index(valid: np.ndarray) -> np.ndarray:
     return index
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _nearest_in_phi(valid, index):
     n_h, n_d, n_p = valid.shape
     for h in range(n_h):
@@ -178,7 +178,7 @@ def extend(table: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return table.reshape(N_CELLS, -1)[extension_index(valid)].reshape(table.shape)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _trilinear(table, theta_h, theta_d, phi_d, out):
     n_h, n_d, n_p = table.shape[:3]
     for s in range(theta_h.size):

@@ -4,9 +4,9 @@ All weights are (90, 90, 180) or (90, 90, 180, 3) arrays; 0 marks a sample that 
 """
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import grid_cosines, pair_measure, slice_measure
+from brdfatlas.compiled import compiled
 from brdfatlas.constants import E2_ANGLE, MAX_ANGLE
 
 
@@ -33,7 +33,7 @@ def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
     return float(values[order[np.searchsorted(total, 0.5 * total[-1])]])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _weighted_median(values, weights, bits):
     """The bits of :func:`weighted_median` of float32 values >= 0, in two passes: they sort like their ``bits``."""
     first = np.zeros(65536)
@@ -59,7 +59,7 @@ def _weighted_median(values, weights, bits):
     return high * 65536 + last
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _compress(values, importance, scale, power, out):
     for i in range(values.size):
         if importance[i] > 0:

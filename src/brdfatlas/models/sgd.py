@@ -20,9 +20,9 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, grid_cosines, half_difference, theta_d_centres, theta_h_centres
+from brdfatlas.compiled import compiled
 from brdfatlas.constants import E2_ANGLE, MAX_ANGLE, OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.microfacet import schlick_weight
@@ -222,7 +222,7 @@ def shadowing(alpha: float, p: float) -> tuple[np.ndarray, np.ndarray]:
     return inverse, np.array([log_k, k_alpha, k_p])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _inverse_area(mass, by_alpha, by_p, tangent, inverse):
     last = inverse.shape[1] - 1
     for k in range(last + 1):
@@ -257,7 +257,7 @@ def area_positions() -> tuple[np.ndarray, np.ndarray]:
     return positions  # type: ignore[return-value]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _fill(shape, diffuse, inverse, position_i, position_o, table, c):
     n_h, n_d, n_p = position_i.shape
     last = inverse.size - 2
@@ -271,7 +271,7 @@ def _fill(shape, diffuse, inverse, position_i, position_o, table, c):
                 table[h, d, k, c] = table[h, d, 2 * n_p - 1 - k, c] = diffuse + shape[h, d] * q
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _merge(weights, rho, merged, target):
     """w_1 + w_2 and w_1 rho_1 + w_2 rho_2 of phi_d and pi - phi_d; returns the sums of w, w rho and w rho^2."""
     n_h, n_d, n_p = merged.shape
@@ -291,7 +291,7 @@ def _merge(weights, rho, merged, target):
     return total, linear, power
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _pass(merged, target, position_i, position_o, inverse, e, count, inner, mixed, cross):
     """Adds up, per theta_d, the inner products of the columns e[u] · (g, dg/d ln alpha, dg/dp) with each other (inner),
     with 1 (mixed) and with the material (cross); g = 1 / (sigma_i sigma_o), u runs over the lobe and its derivatives.

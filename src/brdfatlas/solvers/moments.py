@@ -13,12 +13,12 @@ ln(1 + rho cos theta_i), where the sums change with the model and take a pass ov
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from brdfatlas.compiled import compiled
 from brdfatlas.solvers.least_squares import Moments
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _accumulate(weights, target, factors, between, cross, power):
     cells, n_phi, channels = weights.shape
     count = factors.shape[0] + 1
@@ -91,7 +91,7 @@ class CellMoments:
         return Moments(gram, cross, self.power)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _log_pass(stored, cosine, factors, amplitude, a, sums, between, cross):
     """Adds up (ln(1 + f c) - stored)^2, and over phi_d u^2 g g and u r g with u = d ln(1 + f c) / df."""
     cells, n_phi, channels = stored.shape

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, grid_axes
+from brdfatlas.compiled import compiled
 
 N_NODES = 90
 N_CELLS_2D = N_THETA_H * N_THETA_D
@@ -157,7 +157,7 @@ class Channel:
         return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _merge(first, second, weights, rho, w, wr):
     power = 0.0
     for s in range(first.size):
@@ -175,7 +175,7 @@ def _merge(first, second, weights, rho, w, wr):
     return power
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def contract(start, ki, ko, u, v, q, w, wr, g, out):
     slope = g[1:] - g[:-1]
     for c in range(start.size - 1):
@@ -190,7 +190,7 @@ def contract(start, ki, ko, u, v, q, w, wr, g, out):
         out[0, c], out[1, c], out[2, c] = s1, s2, r1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def collect(pair_start, cell, u, v, q, w, wr, m, out):
     """Per pair: w rho y c_ab (4), w y c_ab (4), w y^2 times the monomials of u (3) and v (3); y = M / (cos cos)."""
     for b in range(pair_start.size - 1):
@@ -230,7 +230,7 @@ def collect(pair_start, cell, u, v, q, w, wr, m, out):
         t[14], t[15], t[16] = q20, q21, q22
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def pair_sums(pair_i, pair_o, t, g):
     """sum w x, sum w x^2, sum w rho x over all samples, x = M G G / (cos cos), from the sums of :func:`collect`."""
     s1, s2, r1 = 0.0, 0.0, 0.0
@@ -249,7 +249,7 @@ def pair_sums(pair_i, pair_o, t, g):
     return s1, s2, r1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def pair_normal(pair_i, pair_o, t, g, rho_d, diagonal, off, right):
     """The normal equations of one of the two G with the other held at ``g``, the roles of theta_i and theta_o added:
     a symmetric tridiagonal matrix (``diagonal``, ``off``) and the right side."""
@@ -275,7 +275,7 @@ def pair_normal(pair_i, pair_o, t, g, rho_d, diagonal, off, right):
         diagonal[o + 1] += c[10] * x0 + c[13] * x1 + c[16] * x2
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def smooth(values, kernel, out):
     """Convolution with a symmetric kernel (its middle and one side); the ends are continued."""
     n = values.size
@@ -295,7 +295,7 @@ def gaussian_kernel(sigma: float) -> np.ndarray:
     return half / (half[0] + 2 * half[1:].sum())
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def cross(start, ki, ko, u, v, q, w, g, sums, p):
     """:func:`contract` without its third sum, and p[c, k] = sum w x dx/dG_k: what couples M and G in a joint step."""
     slope = g[1:] - g[:-1]
@@ -318,7 +318,7 @@ def cross(start, ki, ko, u, v, q, w, g, sums, p):
         sums[0, c], sums[1, c] = s1, s2
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def pair_joint(pair_i, pair_o, t, g, rho_d, a, gradient, mean):
     """For G with M fixed: the Gauss-Newton matrix ``a`` (90, 90), ``gradient`` = sum w (rho - f) df/dG and ``mean`` =
     sum w df/dG."""
@@ -366,13 +366,13 @@ def pair_joint(pair_i, pair_o, t, g, rho_d, a, gradient, mean):
         gradient[o + 1] += c[1] * i0 + c[3] * i1 - rho_d * m3 - block[3, 2] * o0 - block[3, 3] * o1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _g_objective(pair_i, pair_o, t, g, rho_d, constant):
     s1, s2, r1 = pair_sums(pair_i, pair_o, t, g)
     return constant - 2.0 * r1 + 2.0 * rho_d * s1 + s2
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def update_g(pair_i, pair_o, t, g, rho_d, constant, kernel, clamp, most, tolerance):
     """The paper's update of G: the two G solved apart, averaged, smoothed, clamped; repeated until it converges or
     the objective would rise. If the first repetition raises it, golden-section search between the old and the new G.

@@ -12,7 +12,6 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import distance_transform_edt
 
 from brdfatlas.angles import (
@@ -26,6 +25,7 @@ from brdfatlas.angles import (
     theta_d_centres,
     theta_h_centres,
 )
+from brdfatlas.compiled import compiled
 from brdfatlas.constants import MAX_ANGLE
 from brdfatlas.measured import Measured
 from brdfatlas.models.bagher2016.awls import (
@@ -321,7 +321,7 @@ def _half_grid() -> tuple[np.ndarray, ...]:
     return ki.astype(np.uint8), ko.astype(np.uint8), u, v, q
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _fill_grid(ki, ko, u, v, q, m, g, rho_d, out):
     n_h, n_d, half = q.shape
     for h in range(n_h):
