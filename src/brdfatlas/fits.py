@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.files import check_regular, plain, read_npz, shown, write_npz
@@ -263,7 +264,8 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     table = measured.table.view()
     table.flags.writeable = False
     start = time.perf_counter()
-    with own_faults(model, measured.name):
+    # The order of sums in BLAS, and so the last bit, depends on its threads.
+    with own_faults(model, measured.name), threadpool_limits(1, user_api="blas"):
         result = model.fit(replace(measured, table=table), seed=seed, **chosen)
         seconds = time.perf_counter() - start
         parameters = _stored(model, chosen, result, where)

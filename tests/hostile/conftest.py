@@ -14,7 +14,7 @@ import brdfatlas
 from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.cli import main
 from brdfatlas.fits import Fit
-from brdfatlas.measured import write_merl
+from brdfatlas.formats.merl import write_merl
 
 
 def plausible_fit(name: str, material: str = "felt") -> Fit:
