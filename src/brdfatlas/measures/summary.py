@@ -247,17 +247,9 @@ class Summary:
         return best_of({name: self.value(name, measure, material) for name in self.complete(material)}, measure)
 
     def wins(self, measure: Measure = LEADING) -> dict[str, int]:
-        """Pictures on which a model is best: for PSNR all that the noise does not tell apart, else all that print
-        alike."""
-        if measure is PSNR:
-            counts = best_rows(self.errors, list(self.models))["model"].value_counts()
-            return {name: int(counts.get(name, 0)) for name in self.models}
-        wins = dict.fromkeys(self.models, 0)
-        good = self.errors[(self.errors["status"] == "ok") & self.errors["model"].isin(list(self.models))]
-        for _, rows in good.groupby(["material", "scene"], sort=False):
-            for name in best_of(dict(zip(rows["model"], rows[measure.key], strict=True)), measure):
-                wins[name] += 1
-        return wins
+        """Pictures on which a model is best by a ranked measure, with all that the noise does not tell apart."""
+        counts = best_rows(self.errors, list(self.models), measure=measure.key)["model"].value_counts()
+        return {name: int(counts.get(name, 0)) for name in self.models}
 
     def cost(self, model: str, key: str, material: str | None = None) -> float:
         """Bytes or seconds of a fit: of one material, else the median over those that have one."""

@@ -15,6 +15,7 @@ TEXT_COLUMNS = (
     "model",
     "variant",
     "other",
+    "measure",
     "scene",
     "status",
     "reason",

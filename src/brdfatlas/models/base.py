@@ -170,6 +170,9 @@ class Model(ABC):
     #: False for the few published models that are not reciprocal: they are rendered and judged on the full circle of
     #: phi_d, and reports flag them.
     reciprocal: ClassVar[bool] = True
+    #: parameter -> (its name in the public collection of fits, "Node.key" or "Node.key.index", factor on its values);
+    #: empty for a model that is not in it (:mod:`.given`).
+    public_names: ClassVar[Mapping[str, tuple[str, Any]]] = {}
     #: True where the material chooses how many numbers a fit has; ``parameters`` then states the most common size.
     variable_size: ClassVar[bool] = False
 

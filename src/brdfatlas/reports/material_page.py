@@ -233,7 +233,7 @@ def make_entry(material: Material, name: str, facts: ModelFacts | None, scenes: 
 def mark_best(material: Material, entries: Sequence[Entry], scenes: Sequence[SceneFacts]) -> None:
     """Mark the best of every picture and measure: PSNR by :func:`best_rows`, others by what is printed."""
     by_name = {entry.name: entry for entry in entries}
-    for row in best_rows(material.errors, list(by_name)).itertuples():
+    for row in best_rows(material.errors, list(by_name), measure="psnr_db").itertuples():
         by_name[row.model].best.add((row.scene, PSNR.key))
     for measure in MEASURES:
         for scene in scenes if measure is not PSNR else ():
