@@ -8,6 +8,7 @@ from own_model import OWN_MODEL
 
 import brdfatlas
 from brdfatlas.cli import main
+from brdfatlas.models import Entry
 from brdfatlas.models.base import FitError, Result
 from brdfatlas.pipeline.jobs import fit_job
 
@@ -19,10 +20,7 @@ RETURNED = 'return Result({"a": np.ones(3)}, 0.0, "none", 1, True)'
 @pytest.fixture(autouse=True)
 def registry(monkeypatch):
     """A registry that forgets, after each test, what was registered."""
-    monkeypatch.setattr(brdfatlas.MODELS, "_files", {})
-    brdfatlas.MODELS._load.cache_clear()
-    yield
-    brdfatlas.MODELS._load.cache_clear()
+    monkeypatch.setattr(brdfatlas.MODELS, "_own", {})
 
 
 def in_fit(line):
@@ -99,7 +97,7 @@ def test_in_a_run_the_fit_fails_and_not_the_job(linked, tmp_path, capsys, what):
     linked("measured.binary")
     (tmp_path / "model.py").write_text(WHILE_FITTING[what])
     paths = [str(tmp_path / name) for name in ("model.py", "measured.binary", "out.npz", "out.json")]
-    fit_job("mine", paths[0], {}, 0, paths[1], False, *paths[2:])
+    fit_job(Entry("mine", "mine", source=paths[0]).plain, 0, paths[1], False, *paths[2:])
     report = json.loads((tmp_path / "out.json").read_text())
     assert report["status"] == "failed"
     assert "\n" not in report["reason"]
@@ -140,23 +138,27 @@ def test_a_fit_of_nan_makes_no_table(refused, linked, value, command):
 
 
 def test_a_fit_of_ones_own_model_goes_everywhere_with_its_source(linked, tmp_path, capsys, monkeypatch):
+    """The fit remembers its model's file; where that has moved, each command says what it needs, and takes it."""
     monkeypatch.chdir(tmp_path)
     linked("measured.binary")
     linked("model.py")
     assert main(FIT) == 0
-    source = ["--source", "model.py"]
-    for command in (
+    commands = (
         ["info", "out.npz"],
-        ["table", "out.npz", "-o", "out.binary"],
+        ["table", "out.npz", "-o", "out.binary", "--force"],
         ["export", "out.npz", "-o", "out.json"],
         ["compare", "measured.binary", "out.npz"],
-    ):
-        brdfatlas.MODELS._files.clear()
-        brdfatlas.MODELS._load.cache_clear()
+    )
+    for command in commands:
+        assert main(command) == 0, command
+    (tmp_path / "model.py").rename("moved.py")
+    for command in commands:
         capsys.readouterr()
         assert main(command) == 1
-        assert "source" in capsys.readouterr().err
-        assert main([*command, *source]) == 0, command
+        err = capsys.readouterr().err
+        assert "--source" in err
+        assert err.count("\n") == 1
+        assert main([*command, "--source", "moved.py"]) == 0, command
     np.testing.assert_allclose(np.nanmax(brdfatlas.read_merl("out.binary").table), 1.0, rtol=1e-6)
 
 
@@ -192,7 +194,7 @@ class BrokenPoint:
 
 @pytest.mark.parametrize("error", [ImportError("gone"), SystemExit(0), RuntimeError("a\nb"), AttributeError("Theirs")])
 def test_a_broken_model_of_another_package_is_left_out(capsys, monkeypatch, error):
-    monkeypatch.setattr("brdfatlas.models.entry_points", lambda group: [BrokenPoint(error)])
+    monkeypatch.setattr("brdfatlas.models.loading.entry_points", lambda group: [BrokenPoint(error)])
     assert main(["models", "--json"]) == 0
     out, err = capsys.readouterr()
     assert {"ggx", "sgd"} <= json.loads(out).keys()
