@@ -4,9 +4,9 @@ All weights are (90, 90, 180) or (90, 90, 180, 3) arrays; 0 marks a sample that 
 """
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import grid_axes, grid_cosines, pair_measure, slice_measure
+from brdfatlas.compiled import njit
 from brdfatlas.constants import E2_ANGLE, MAX_ANGLE
 
 

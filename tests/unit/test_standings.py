@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from brdfatlas import read_merl
 from brdfatlas.angles import GRID_SHAPE, above_horizon, theta_h_centres
 from brdfatlas.files import read_json, write_json
 from brdfatlas.fits import Fit, fit
-from brdfatlas.measured import read_merl, write_merl
+from brdfatlas.formats.merl import write_merl
 from brdfatlas.measures import tables
 from brdfatlas.measures.errors import BRDF_MEASURES, IMAGE_MEASURES
 from brdfatlas.measures.tsv import write_tsv

@@ -14,7 +14,8 @@ from brdfatlas.figures.lobes import plot_lobes
 from brdfatlas.figures.summary import plot_summary
 from brdfatlas.files import digests, read_json, write_json, write_text
 from brdfatlas.fits import Fit, load_fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured
 from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS
 
@@ -49,7 +50,7 @@ def figures_job(
     where a fit is a sum of products. Figures of an earlier run that this one does not draw are removed.
     """
     folder = Path(folder)
-    measured, loaded, titles = read_merl(binary), load_fits(models, fits), titles_of(models)
+    measured, loaded, titles = read(binary), load_fits(models, fits), titles_of(models)
     tables = {name: fit.table() for name, fit in loaded.items()}
     shown = {titles[name]: table for name, table in tables.items()} or {"reference, no fit": measured.table}
     plot_lobes(measured.table, measured.valid, shown, folder / "lobes.svg")

@@ -36,7 +36,8 @@ import pandas as pd
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
-from brdfatlas.measured import Measured, fold, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured, fold
 from brdfatlas.measures.ranking import RANKED
 from brdfatlas.measures.tsv import write_tsv
 from brdfatlas.objectives import compressive_weights, cosine_weighted, loew_e2, log_deviation, relative_objective
@@ -494,7 +495,7 @@ def errors_job(
     ``tones``: scene -> (exposure, gamma).
     """
     images, pairs = material_errors(material, models, {name: Tone(*tone) for name, tone in tones.items()}, renders)
-    brdf = material_brdf_errors(read_merl(binary), models, fits)
+    brdf = material_brdf_errors(read(binary), models, fits)
     write_tsv(images_path, images)
     if pairs_path:
         write_tsv(pairs_path, pairs)

@@ -168,7 +168,7 @@ def beside_published(errors: pd.DataFrame, classes: pd.DataFrame, models: Sequen
     """
     good = errors[errors["status"] == "ok"].merge(classes, on="material", how="left", validate="many_to_one")
     scenes = len(set(errors["scene"]))
-    means = published_means()
+    means = pd.DataFrame(published_means())
     means = means[(means["quantity"] == "psnr_mean") & means["source"].str.startswith("Bagher")]
     theirs = {name: published_psnr(name) for name in sorted(set(good["material"]) & set(published_names()))}
     rows = []

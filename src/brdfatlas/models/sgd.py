@@ -20,9 +20,9 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, grid_cosines, half_difference, theta_d_centres, theta_h_centres
+from brdfatlas.compiled import njit
 from brdfatlas.constants import MAX_ANGLE, OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.microfacet import schlick_weight

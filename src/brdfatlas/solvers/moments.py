@@ -13,8 +13,8 @@ ln(1 + rho cos theta_i), where the sums change with the model and take a pass ov
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from brdfatlas.compiled import njit
 from brdfatlas.solvers.least_squares import Moments
 
 

@@ -17,9 +17,9 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, phi_d_centres, theta_d_centres, theta_h_centres
+from brdfatlas.compiled import njit
 from brdfatlas.constants import E2_ANGLE, OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.models.base import FitError, Function, Model, Option, Parameters, Result
@@ -377,6 +377,11 @@ class Problem:
         residual = self._residual(x).ravel()
         rows = self.jacobian(x).reshape(x.size, -1)
         return float(residual @ residual) + self.samples.rest, rows @ residual, rows @ rows.T
+
+
+def shortest(values: np.ndarray) -> list[float]:
+    """Numbers with the fewest decimals that give back the stored ones."""
+    return [float(str(value)) for value in np.asarray(values).ravel()]
 
 
 def microfacet_functions(alphas: Mapping[str, float], fresnel_values: np.ndarray) -> tuple[Function, ...]:

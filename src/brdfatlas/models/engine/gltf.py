@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import theta_d_centres
+from brdfatlas.compiled import njit
 from brdfatlas.microfacet import schlick
 from brdfatlas.models.base import Paper, Parameter
-from brdfatlas.models.engine.base import EngineModel, fifth, ggx, microfacet_functions, visible_correlated
+from brdfatlas.models.engine.base import EngineModel, fifth, ggx, microfacet_functions, shortest, visible_correlated
 from brdfatlas.sampling import Diffuse, GgxLobe, Mixture
 
 #: Reflectance of every dielectric at normal incidence: an index of 1.5.
@@ -73,8 +73,8 @@ class Gltf(EngineModel):
         return microfacet_functions({"": float(parameters["roughness"][0]) ** 2}, f)
 
     def material(self, parameters, target):
-        colour = [float(v) for v in parameters["base_color"]]
-        metallic, roughness = float(parameters["metallic"][0]), float(parameters["roughness"][0])
+        colour = shortest(parameters["base_color"])
+        (metallic,), (roughness,) = shortest(parameters["metallic"]), shortest(parameters["roughness"])
         if target == "gltf":
             return {
                 "baseColorFactor": [*colour, 1.0],

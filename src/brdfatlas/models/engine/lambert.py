@@ -1,10 +1,10 @@
 """Lambert's law: the floor of every table."""
 
 import numpy as np
-from numba import njit
 
+from brdfatlas.compiled import njit
 from brdfatlas.models.base import Function, Paper, Parameter
-from brdfatlas.models.engine.base import EngineModel
+from brdfatlas.models.engine.base import EngineModel, shortest
 from brdfatlas.sampling import Diffuse, Mixture
 
 
@@ -26,7 +26,7 @@ class Lambert(EngineModel):
     formula = "rho = kd/pi"
     parameters = (Parameter("kd", (3,), "albedo, rgb", "", 0.0, 1.0),)
     kernel = lambert
-    targets = ("mitsuba", "materialx")
+    targets = ("mitsuba", "materialx", "gltf")
 
     def sampler(self, parameters):
         return Mixture([Diffuse()], np.ones(1))
@@ -35,11 +35,15 @@ class Lambert(EngineModel):
         return ()
 
     def material(self, parameters, target):
-        colour = [float(v) for v in parameters["kd"]]
+        colour = shortest(parameters["kd"])
         if target == "mitsuba":
             return {"type": "diffuse", "reflectance": {"type": "rgb", "value": colour}}
         if target == "materialx":
             return _openpbr_diffuse(colour)
+        if target == "gltf":  # KHR_materials_specular: without specular reflection base / pi is left
+            off = {"KHR_materials_specular": {"specularFactor": 0.0}}
+            factors = {"baseColorFactor": [*colour, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0}
+            return {**factors, "extensions": off}
         return None
 
 

@@ -16,9 +16,9 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import theta_d_centres
+from brdfatlas.compiled import njit
 from brdfatlas.models.base import Option, Paper, Parameter
 from brdfatlas.models.engine.base import (
     EngineModel,
@@ -26,6 +26,7 @@ from brdfatlas.models.engine.base import (
     fresnel,
     ggx,
     microfacet_functions,
+    shortest,
     visible_separable,
 )
 from brdfatlas.sampling import Diffuse, GgxLobe, Mixture
@@ -362,6 +363,6 @@ class OpenPBR(EngineModel):
             return None
         inputs: dict[str, Any] = {}
         for p in self.parameters:
-            values = [float(v) for v in parameters[p.name]]
+            values = shortest(parameters[p.name])
             inputs[p.name] = values if p.count == 3 else values[0]
         return {"node": "open_pbr_surface", "inputs": inputs}

@@ -4,12 +4,20 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import theta_d_centres
+from brdfatlas.compiled import njit
 from brdfatlas.constants import LUMINANCE
 from brdfatlas.models.base import Paper, Parameter
-from brdfatlas.models.engine.base import EngineModel, fifth, fresnel, ggx, microfacet_functions, visible_separable
+from brdfatlas.models.engine.base import (
+    EngineModel,
+    fifth,
+    fresnel,
+    ggx,
+    microfacet_functions,
+    shortest,
+    visible_separable,
+)
 from brdfatlas.sampling import Diffuse, GgxLobe, Gtr1Lobe, Mixture
 
 RED, GREEN, BLUE = (float(v) for v in LUMINANCE)
@@ -138,6 +146,6 @@ class Principled(EngineModel):
             return None
         plugin = {"type": "principled"}
         for p in self.parameters:
-            values = [float(v) for v in parameters[p.name]]
+            values = shortest(parameters[p.name])
             plugin[p.name] = {"type": "rgb", "value": values} if p.count == 3 else values[0]
         return plugin
