@@ -56,7 +56,8 @@ rule record_reports:
             f"results/{kind}/{material}.json": f"reports/materials/{material}"
             for kind in ("pictures", "figures")
             for material in MATERIALS
-        },
+        }
+        | {f"results/fit_files/{material}.json": f"reports/materials/{material}/fits" for material in MATERIALS},
     message:
         "recording what is in reports"
     script:
