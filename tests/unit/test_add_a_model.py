@@ -10,7 +10,8 @@ import pytest
 from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.files import read_json
 from brdfatlas.fits import fit, load_fit
-from brdfatlas.measured import Measured, write_merl
+from brdfatlas.formats.merl import write_merl
+from brdfatlas.measured import Measured
 from brdfatlas.measures.physics import physics_checks
 from brdfatlas.models import MODELS, Entry, Registry, load_model_file, read_entries
 from brdfatlas.models.base import FitError, Model, Option

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, grid_axes
+from brdfatlas.compiled import njit
 
 N_NODES = 90
 N_CELLS_2D = N_THETA_H * N_THETA_D
