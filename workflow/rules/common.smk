@@ -2,6 +2,7 @@
 # writes nothing.
 
 import os
+import shlex
 import sys
 from pathlib import Path
 
@@ -14,6 +15,10 @@ from brdfatlas.pipeline.provenance import provenance, shipped
 from brdfatlas.pipeline.records import revision, versions
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
 from brdfatlas.rendering.scenes import read_scenes
+
+# Snakemake hands this path to a shell as it is: a project's folder may have spaces and quotes.
+if Path(sys.executable).exists():  # not quoted yet
+    sys.executable = shlex.quote(sys.executable)
 
 try:
     config = read_config(config)
