@@ -35,7 +35,7 @@ rule all:
         scenes=lambda wildcards: scene_files(SCENES),
         materials=expand(rules.describe_material.output, material=MATERIALS),
         fits=expand(rules.fit_model.output, material=MATERIALS, model=MODELS),
-        renders=expand(rules.render_material.output, material=MATERIALS, model=[*REFERENCES, *MODELS]),
+        renders=expand(rules.render_material.output, material=MATERIALS, scene=SCENES),
         errors=expand(rules.measure_errors.output, material=MATERIALS),
         tables=rules.tabulate_errors.output,
         report=[*REPORT, *rules.write_standings.output],

@@ -1,20 +1,31 @@
-"""Loops that numba compiles, once for all runs where their code can be kept."""
+"""``njit`` that also works where compiled code cannot be kept."""
 
+import sys
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any
 
-from numba import njit
+import numba
 
-F = TypeVar("F", bound=Callable)
+_told: list[str] = []
 
 
-def compiled(function: F) -> F:
-    """``function``, compiled at its first call without the interpreter's lock.
+def njit(**options: Any) -> Callable[[Callable], Any]:
+    """``numba.njit(**options)``; without ``cache`` where neither the package's folder, nor a home, nor NUMBA_CACHE_DIR
+    can be written to (shared installs, containers). That is said once, in one line on stderr."""
 
-    The code is kept beside the module or in the user's cache folder; where neither can be written (a shared
-    installation, a container), every process compiles for itself.
-    """
-    try:
-        return njit(cache=True, nogil=True)(function)
-    except RuntimeError:  # numba: "no locator available"
-        return njit(nogil=True)(function)
+    def compile_later(function: Callable) -> Any:
+        try:
+            return numba.njit(**options)(function)
+        except RuntimeError as error:
+            if "no locator available" not in str(error):
+                raise
+        if not _told:
+            _told.append(function.__name__)
+            print(
+                "brdfatlas: compiled code cannot be kept and is compiled anew in each process; "
+                "set NUMBA_CACHE_DIR to a folder that can be written to",
+                file=sys.stderr,
+            )
+        return numba.njit(**(options | {"cache": False}))(function)
+
+    return compile_later

@@ -10,6 +10,8 @@ from typing import Any
 import jsonschema
 import yaml
 
+from brdfatlas.files import check_regular
+
 #: Names that become folders, wildcards and addresses: nothing that a shell, a path or a page could misread.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\Z")
 
@@ -43,11 +45,11 @@ def read_yaml(path: str | Path) -> Any:
     if not Path(path).is_file():
         raise ConfigError(f"{path}: not a regular file")
     try:
-        return yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)
+        return yaml.load(check_regular(path).read_text(encoding="utf-8"), _Loader)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: not UTF-8 text") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8") from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark else ""

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from brdfatlas.files import write_json
-from brdfatlas.measured import FILE_BYTES, write_merl
+from brdfatlas.formats.merl import FILE_BYTES, write_merl
 from brdfatlas.models import read_entries
 from brdfatlas.pipeline.configuration import (
     ConfigError,
@@ -212,7 +212,7 @@ def test_bad_materials_are_left_out_with_a_reason_and_recorded_verdicts_are_beli
     assert all(item.path in item.reason for item in left_out)
 
     write_json(checks, verdicts)
-    monkeypatch.setattr("brdfatlas.pipeline.materials.read_merl", lambda path: pytest.fail("read again"))
+    monkeypatch.setattr("brdfatlas.pipeline.materials.read", lambda path: pytest.fail("read again"))
     assert find_materials(config, "standins", checks) == (usable, left_out, verdicts)
     with pytest.raises(ConfigError, match="strict"):
         find_materials(config | {"strict": True}, "standins", checks)

@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from brdfatlas import read_merl
 from brdfatlas.angles import above_horizon, directions, phi_d_centres, theta_d_centres, theta_h_centres
-from brdfatlas.measured import read_merl, write_merl
+from brdfatlas.formats.merl import write_merl
 from brdfatlas.models.published import (
     THREE_LOBE,
     UnknownMaterialError,

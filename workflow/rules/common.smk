@@ -6,6 +6,7 @@ import shlex
 import sys
 from pathlib import Path
 
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.export.uber_texture import HEIGHT, has_row
 from brdfatlas.models import read_entries
 from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config
@@ -38,7 +39,7 @@ ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
 BINARIES = {material.name: material.binary for material in FOUND}
 STANDINS = {material.name for material in FOUND if material.standin}
 MATERIALS = list(BINARIES)
-REFERENCES = ["reference", "reference_again"]
+REFERENCES = [REFERENCE, REFERENCE_AGAIN]
 PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)
@@ -81,16 +82,6 @@ def scene_files(names):
         return [file for name in names for file in files_of_scene(name, ALL_SCENES[name], source, ASSETS)]
     except ValueError as error:
         raise SystemExit(str(error)) from None
-
-
-def fit_of(wildcards):
-    """The fit that a render needs: none for the measured table itself."""
-    if wildcards.model in REFERENCES:
-        return {}
-    return {
-        "fit": rules.fit_model.output.fit.format(**wildcards),
-        "report": rules.fit_model.output.report.format(**wildcards),
-    }
 
 
 def texture_rows(wildcards):

@@ -26,6 +26,7 @@ rule measure_errors:
             labels={"what": "image errors of every model"},
         ),
         brdf="results/errors/{material}/brdf.tsv",
+        pairs="results/errors/{material}/pairs.tsv",
     log:
         "results/logs/measure_errors/{material}.log",
     benchmark:
@@ -51,6 +52,7 @@ rule tabulate_errors:
     input:
         errors=expand("results/errors/{material}/images.tsv", material=MATERIALS),
         brdf=expand("results/errors/{material}/brdf.tsv", material=MATERIALS),
+        pairs=expand("results/errors/{material}/pairs.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
     output:

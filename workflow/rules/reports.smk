@@ -22,7 +22,30 @@ MODEL_TABLES = ["errors", "fits", "parameters"]
 FACTORED = [name for name in MODELS if has_row(ALL_ENTRIES[name].instance)]
 TEXTURE_PARTS = range(1, -(-len(MATERIALS) // HEIGHT) + 1)
 ASSET_FILES = expand("reports/assets/{asset}", asset=asset_names())
-RUN_TABLES = ["materials", "models", "errors", "brdf", "fits", "parameters", "left_out"]
+RUN_TABLES = ["materials", "recommended", "models", "errors", "brdf", "fits", "parameters", "left_out"]
+
+
+rule write_fits:
+    input:
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+    output:
+        # Which files a fit has depends on the fit: a list stands for them.
+        listing="results/fit_files/{material}.json",
+    log:
+        "results/logs/write_fits/{material}.log",
+    benchmark:
+        "results/benchmarks/write_fits/{material}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=400,
+        runtime=5,
+    params:
+        provenance=provenance("brdfatlas.reports.fit_files"),
+        folder="reports/materials/{material}/fits",
+    message:
+        "fits of {wildcards.material} to take away"
+    script:
+        "../scripts/write_fits.py"
 
 
 rule write_material_page:
@@ -33,6 +56,7 @@ rule write_material_page:
         brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
+        files="results/fit_files/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
         assets=ancient(ASSET_FILES),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
@@ -116,7 +140,7 @@ rule write_index:
             "reports/data/models.tsv",
             caption="../captions/models.rst",
             category="Results",
-            labels={"what": "models, means over all materials and scenes"},
+            labels={"what": "models, medians over the materials"},
         ),
     log:
         "results/logs/write_index.log",
@@ -170,6 +194,7 @@ rule typeset_material:
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars="reports/assets/bar-de00.svg",
+        published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
     output:
         "results/pdf/{material}.pdf",
     log:
@@ -184,6 +209,7 @@ rule typeset_material:
         provenance=provenance(PDF, files=("reports/templates/*.typ",), libraries=("typst", "pypdf")),
         pictures="reports/materials/{material}",
         assets=lambda wildcards, input: str(Path(input.bars).parent),
+        published=lambda wildcards, input: str(Path(input.published[0]).parent),
         models=MODELS,
         entries=ENTRIES,
         scenes=SHOWN_SCENES,
@@ -204,7 +230,7 @@ rule write_supplement:
             "reports/supplement.pdf",
             caption="../captions/supplement.rst",
             category="Report",
-            labels={"what": "supplement, two pages a material"},
+            labels={"what": "supplement, four pages a material"},
         ),
     log:
         "results/logs/write_supplement.log",

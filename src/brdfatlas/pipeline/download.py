@@ -17,7 +17,8 @@ from typing import Any, BinaryIO
 import requests
 
 from brdfatlas.files import atomic_path, read_json, write_json, write_text
-from brdfatlas.measured import FILE_BYTES, MeasuredError, check_header
+from brdfatlas.formats.merl import FILE_BYTES, check_header
+from brdfatlas.measured import MeasuredError
 
 CHUNK = 1 << 20
 #: Statuses that may pass by themselves; every other fault of the server is final.

@@ -13,7 +13,8 @@ import numpy as np
 from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
 from brdfatlas.files import read_json, write_json
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured
 from brdfatlas.measures.diffuseness import diffuseness, material_class
 from brdfatlas.measures.physics import directional_albedo
 
@@ -42,7 +43,7 @@ def describe_material(measured: Measured) -> dict[str, Any]:
 def describe_material_job(binary: str, standin: bool, output: str) -> None:
     """Write the description of one material."""
     digest = hashlib.sha256(Path(binary).read_bytes()).hexdigest()
-    write_json(output, describe_material(read_merl(binary, standin=standin)) | {"sha256": digest})
+    write_json(output, describe_material(read(binary, standin=standin)) | {"sha256": digest})
 
 
 def revision(root: Path) -> str:
@@ -109,7 +110,7 @@ def failures(reports: Sequence[str]) -> list[str]:
     for path in reports:
         report = read_json(path)
         if report["status"] != "ok":
-            lines.append(f"{report['model']} on {report['material']}: {report['reason']}")
+            lines.append(f"{report['entry']} on {report['material']}: {report['reason']}")
     return lines
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brdfatlas.compiled import compiled
+from brdfatlas.compiled import njit
 
 TINY = 1e-300
 
@@ -46,7 +46,7 @@ class Factors:
         return Factors(self.u.copy(), self.v.copy(), self.f.copy())
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _multiply(x, gram, right, steps):
     """``steps`` multiplicative updates x <- x right / (gram x) of min x G x - 2 r x, x >= 0; none raises it."""
     for _ in range(steps):
@@ -55,7 +55,7 @@ def _multiply(x, gram, right, steps):
             x[i] = x[i] * right[i] / max(product[i], TINY)
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _update_u(value, weight, v_position, f_position, u, v, f, steps):
     n_terms, n_outer = u.shape[1], f.shape[2]
     n_inner = n_terms // n_outer
@@ -88,7 +88,7 @@ def _update_u(value, weight, v_position, f_position, u, v, f, steps):
         u[h] = row
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _update_v(value, weight, v_position, f_position, u, v, f, steps):
     n_terms, n_outer, n_v = u.shape[1], f.shape[2], v.shape[0]
     n_inner = n_terms // n_outer
@@ -134,7 +134,7 @@ def _update_v(value, weight, v_position, f_position, u, v, f, steps):
     v[:] = x.reshape(n_v, n_terms)
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _update_f(value, weight, v_position, f_position, u, v, f, steps):
     """Returns the weighted square error after the update, from the normal equations."""
     n_terms, n_outer, n_f = u.shape[1], f.shape[2], f.shape[0]

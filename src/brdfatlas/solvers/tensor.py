@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from brdfatlas.compiled import compiled
+from brdfatlas.compiled import njit
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _weighted_square(residual, weight):
     total = 0.0
     for i in range(residual.shape[0]):
@@ -15,7 +15,7 @@ def _weighted_square(residual, weight):
     return total
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _normalise(vector):
     norm = np.sqrt((vector * vector).sum())
     if norm > 0:
@@ -23,7 +23,7 @@ def _normalise(vector):
     return norm
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def power_iteration(residual, weight, a, b, c, max_iterations, tolerance):
     """Best rank-one approximation scale · a ⊗ b ⊗ c of ``residual`` under ``weight``, from the starting vectors.
 
@@ -77,7 +77,7 @@ def power_iteration(residual, weight, a, b, c, max_iterations, tolerance):
     return scale, gain, max_iterations
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _subtract(residual, scale, a, b, c):
     for i in range(a.size):
         for j in range(b.size):
@@ -128,7 +128,7 @@ def residual_terms(
     return scale, *factors, history
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _blend(row, position):
     """Linear interpolation of a vector at a position in units of its entries."""
     n = row.size
@@ -139,7 +139,7 @@ def _blend(row, position):
     return row[i] + t * (row[i + 1] - row[i])
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def sum_terms(scale, a, b, c, x, y, z, out):
     """out[s, channel] = sum over terms of scale · a(x) b(y) c(z), every factor interpolated linearly.
 
@@ -158,7 +158,7 @@ def sum_terms(scale, a, b, c, x, y, z, out):
             out[s, channel] = total
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def bilinear_rows(tensor, y, z, out):
     """out[h, s, channel] = tensor[h] interpolated bilinearly at (y, z)[h, s]; tensor (h, n_y, n_z, channels)."""
     n_y, n_z, channels = tensor.shape[1:]

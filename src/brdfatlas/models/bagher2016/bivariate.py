@@ -3,7 +3,7 @@
 import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, half_difference
-from brdfatlas.compiled import compiled
+from brdfatlas.compiled import njit
 from brdfatlas.models.bagher2016.factors import (
     OBJECTIVE,
     OPTIONS,
@@ -16,7 +16,7 @@ from brdfatlas.models.bagher2016.factors import (
 from brdfatlas.models.base import Factors, FitError, Parameter, Parameters, Result
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _means(weights, table):
     """sum w and sum w rho over phi_d, each (3, 90, 90), and sum w rho^2 (3,)."""
     n_h, n_d, n_p, _ = weights.shape

@@ -25,7 +25,7 @@ from brdfatlas.angles import (
     theta_d_centres,
     theta_h_centres,
 )
-from brdfatlas.compiled import compiled
+from brdfatlas.compiled import njit
 from brdfatlas.constants import MAX_ANGLE
 from brdfatlas.measured import Measured
 from brdfatlas.models.bagher2016.awls import (
@@ -321,7 +321,7 @@ def _half_grid() -> tuple[np.ndarray, ...]:
     return ki.astype(np.uint8), ko.astype(np.uint8), u, v, q
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _fill_grid(ki, ko, u, v, q, m, g, rho_d, out):
     n_h, n_d, half = q.shape
     for h in range(n_h):

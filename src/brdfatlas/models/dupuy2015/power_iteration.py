@@ -8,7 +8,7 @@ of the wrong angle, no azimuth integral) and diverges; this follows the equation
 import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, phi_d_centres, theta_d_centres, theta_h_centres
-from brdfatlas.compiled import compiled
+from brdfatlas.compiled import njit
 from brdfatlas.constants import LUMINANCE
 from brdfatlas.microfacet import (
     interpolate_ndf,
@@ -113,7 +113,7 @@ def ggx_alpha(ndf: np.ndarray) -> float:
     return slope_moments(ndf)[1]
 
 
-@compiled
+@njit(cache=True, nogil=True)
 def _fresnel_sums(table, ndf, sigma, theta_h, theta_d, cos_p, sums, counts):
     """Sums over (theta_h, phi_d) of measured over ideal, per theta_d; cells below MIN_IDEAL or invalid are left out.
 
