@@ -8,7 +8,6 @@ rule write_standings:
     input:
         tables=expand("results/tables/{table}.tsv", table=STANDINGS_TABLES),
         summary="reports/assets/summary.svg",
-        models=ancient(expand("reports/models/{model}.html", model=MODELS)),
     output:
         page="reports/standings.html",
         tables=expand("reports/data/{table}.tsv", table=STANDINGS_TABLES),
@@ -47,11 +46,7 @@ rule record_reports:
         runtime=5,
     params:
         provenance=provenance("brdfatlas.pipeline.leftovers"),
-        listings={
-            f"results/{kind}/{material}.json": f"reports/materials/{material}"
-            for kind in ("pictures", "figures")
-            for material in MATERIALS
-        },
+        listings=LISTINGS,
     message:
         "recording what is in reports"
     script:
