@@ -64,7 +64,7 @@ EXTRAS = "pandas snakemake typst mitsuba drjit matplotlib skimage PIL OpenEXR fl
 
 
 def test_fits_need_no_extra(installed, tmp_path):
-    """`pip install brdfatlas`: read, fit, save, load, evaluate with everything else blocked, changing nothing outside."""
+    """`pip install brdfatlas`: read, fit, save, load, evaluate with all else blocked; nothing outside is changed."""
     write_standin("chrome", tmp_path / "chrome.binary")
     done = subprocess.run(
         [sys.executable, "-c", ALONE, EXTRAS],

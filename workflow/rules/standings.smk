@@ -29,6 +29,10 @@ rule write_standings:
         "../scripts/write_standings.py"
 
 
+localrules:
+    record_reports,
+
+
 # What a run made in reports/, by name and content. What an earlier run made there of a material or model that is no
 # longer in the run goes, unless somebody changed it; files of the user's are not in the list.
 rule record_reports:
