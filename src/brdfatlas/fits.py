@@ -8,12 +8,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numba.core.event import TimingListener, install_listener
 
 from brdfatlas.angles import above_horizon
 from brdfatlas.files import read_npz, write_npz
 from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS, Entry, load_model
-from brdfatlas.models.base import Factors, FitError, Function, Model
+from brdfatlas.models.base import Factors, FitError, Function, Model, Result
+from brdfatlas.models.given import outside_range, read_parameters
 from brdfatlas.sampling import Sampler
 
 
@@ -148,8 +150,11 @@ def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -
 def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options: Any) -> Fit:
     """Fit ``model`` (a name, an entry or a Model) to a material; ``options`` stand over those of the entry.
 
+    An entry with given parameters is not fitted: its row holds those of the material (:mod:`.models.given`).
+    ``report["seconds"]`` leaves out what the first fit of an installation spends on compiling kernels.
+
     Raises KeyError for an unknown model, ValueError for an unknown option, FitError where the model has no finite
-    fit for this material.
+    fit for this material, ParameterFileError where its parameters are to be given and are not.
     """
     if isinstance(model, Model):
         entry = Entry(model.name, model.name)
@@ -157,9 +162,11 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
         entry = MODELS.entry(model) if isinstance(model, str) else model
         model = entry.instance
     chosen = model.check_options(options)
+    compiling = TimingListener()
     start = time.perf_counter()
-    result = model.fit(measured, seed=seed, **chosen)
-    seconds = time.perf_counter() - start
+    with install_listener("numba:compile", compiling):
+        result = _given(entry, model, measured) if entry.parameters else model.fit(measured, seed=seed, **chosen)
+    seconds = time.perf_counter() - start - (compiling.duration if compiling.done else 0.0)
     parameters = {}
     for parameter in model.parameters_of(chosen):
         array = np.asarray(result.parameters[parameter.name], parameter.dtype)
@@ -183,6 +190,16 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     fitted = Fit(entry.model, measured.name, parameters, chosen, measured.standin, report, **labels)
     vars(fitted)["instance"] = model  # also one that no name leads to
     return fitted
+
+
+def _given(entry: Entry, model: Model, measured: Measured) -> Result:
+    """What stands for a fit where the parameters are given."""
+    assert entry.parameters
+    parameters = read_parameters(entry.parameters, model, measured.name)
+    told = f"parameters given in {entry.parameters}, not fitted"
+    beyond = outside_range(model, parameters)
+    message = f"{told}; {beyond}" if beyond else told
+    return Result(parameters, float("nan"), "none: the parameters are given", 0, True, message)
 
 
 def describe_fit(fitted: Fit, measured: Measured, table: np.ndarray) -> dict[str, Any]:
