@@ -81,6 +81,15 @@ def copy_project(destination: Path) -> Project:
     return project
 
 
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """Data of others that no test may need: beside the project, or where BRDFATLAS_SHARED says."""
+    folder = Path(os.environ.get("BRDFATLAS_SHARED", ROOT.parent / "shared"))
+    if not (folder / "data").is_dir():
+        pytest.skip("needs public data that are not part of the project")
+    return folder
+
+
 @pytest.fixture
 def project(tmp_path: Path) -> Project:
     """A fresh small project without results."""
