@@ -21,17 +21,21 @@ def _observer() -> tuple[np.ndarray, np.ndarray]:
     return shape.wavelengths, weights / weights.sum(0)  # 1 everywhere is (1, 1, 1), the white of D65
 
 
-def rgb_weights(wavelengths) -> np.ndarray:
-    """(n, 3): ``spectra @ rgb_weights(wavelengths)`` are linear sRGB under D65, linear between wavelengths in nm and
-    constant beyond the first and last. A constant spectrum is grey. ValueError for wavelengths that do not rise or do
-    not cover the visible range from 450 to 650 nm."""
-    wavelengths = np.asarray(wavelengths, float)
-    if wavelengths.ndim != 1 or wavelengths.size < 2 or (np.diff(wavelengths) <= 0).any():
+def check_wavelengths(wavelengths: np.ndarray) -> None:
+    """ValueError for wavelengths (n), nm, that do not rise or do not cover the visible range from 450 to 650 nm."""
+    if wavelengths.ndim != 1 or wavelengths.size < 2 or not (np.diff(wavelengths) > 0).all():
         raise ValueError("wavelengths must rise; sort them and their values")
     if wavelengths[0] > 450 or wavelengths[-1] < 650:
         raise ValueError(
             f"wavelengths from {wavelengths[0]:g} to {wavelengths[-1]:g}, 450 to 650 nm are the least; are they in nm?"
         )
+
+
+def rgb_weights(wavelengths) -> np.ndarray:
+    """(n, 3): ``spectra @ rgb_weights(wavelengths)`` are linear sRGB under D65, linear between wavelengths in nm and
+    constant beyond the first and last. A constant spectrum is grey. ValueError as of :func:`check_wavelengths`."""
+    wavelengths = np.asarray(wavelengths, float)
+    check_wavelengths(wavelengths)
     fine, weights = _observer()
     hats = np.stack([np.interp(fine, wavelengths, unit) for unit in np.eye(wavelengths.size)], -1)
     return hats.T @ weights

@@ -2,8 +2,8 @@
 
 An isotropic, reciprocal BRDF that is mirror symmetric is a smooth function of theta_h, theta_d and the square of
 q = (cos(theta_o) - cos(theta_i)) / 2 = sin(theta_h) sin(theta_d) cos(phi_d). ln f is interpolated over (sqrt(theta_h),
-theta_d, q) by a thin-plate spline through all samples and their images at -q, so that both symmetries hold by
-construction and the highlight, which is narrow in theta_h, is wide. Tables that are regular in theta_i, theta_o and
+theta_d, |q|) by cubic splines through the samples and their images at -q, so that both symmetries hold by construction
+and the highlight, which is narrow in theta_h, is wide. Tables that are regular in theta_i, theta_o and
 the azimuth between them are interpolated linearly between their nodes instead.
 
 Both end at the hull of what was measured: the convex hull of the samples over (theta_i, theta_o cos phi, theta_o sin
@@ -12,10 +12,10 @@ phi), both orders of directions, phi the azimuth between them. Outside nothing w
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
-from scipy.linalg import lapack
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from brdfatlas.angles import (
@@ -28,7 +28,9 @@ from brdfatlas.angles import (
     theta_h_centres,
 )
 from brdfatlas.compiled import njit
-from brdfatlas.measured import MeasuredError
+from brdfatlas.formats.files import name_of
+from brdfatlas.formats.plausibility import suspicions
+from brdfatlas.measured import MEASURED, STANDIN, Measured, MeasuredError, Provenance
 
 #: Values below this part of a channel's median are raised to it before the logarithm: noise around 0.
 FLOOR = 1e-3
@@ -36,6 +38,8 @@ FLOOR = 1e-3
 SAME_PAIR, DISAGREE = 1e-5, 0.2
 #: Samples up to which one spline goes through all; more are interpolated by their nearest NEIGHBOURS.
 MOST_GLOBAL, NEIGHBOURS = 3000, 40
+#: Added to the kernel's diagonal: noise of neighbouring samples is not swung between.
+SMOOTHING = 1e-4
 #: Every so many degrees of phi_d the spline is evaluated; between, ln f is linear.
 PHI_STEP = 5
 FEWEST = 20
@@ -56,9 +60,9 @@ def disk(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
 
 
 def symmetric(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-    """(..., 3): sqrt(theta_h), theta_d and q, the coordinates in which ln f is smooth."""
+    """(..., 3): sqrt(theta_h), theta_d and |q|, the coordinates in which ln f is smooth."""
     theta_h, theta_d, _ = half_difference(wi, wo)
-    return np.stack([np.sqrt(theta_h), theta_d, (wo[..., 2] - wi[..., 2]) / 2], -1)
+    return np.stack([np.sqrt(theta_h), theta_d, np.abs(wo[..., 2] - wi[..., 2]) / 2], -1)
 
 
 @dataclass(frozen=True)
@@ -82,17 +86,26 @@ class Samples:
 
     def inside(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """Whether pairs (n, 3) lie within the hull of the samples; a degree more at its edge, for cell centres."""
-        equations = self.hull.equations
-        within = np.ones(len(wi), bool)
-        for start in range(0, len(wi), 20000):
-            part = slice(start, start + 20000)
-            sides = disk(wi[part], wo[part]) @ equations[:, :3].T + equations[:, 3]
-            within[part] = (sides <= np.deg2rad(1.0)).all(1)
-        return within
+        return _within(self.hull.equations, disk(wi, wo), np.deg2rad(1.0))
 
     def distance(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """Degrees from each pair (n, 3) to the nearest sample or its image under reciprocity and mirror."""
         return np.rad2deg(self.tree.query(disk(wi, wo))[0])
+
+
+@njit(cache=True, nogil=True)
+def _within(equations, points, margin):
+    """Whether each point is on the inner side of all planes, or no further than ``margin`` outside."""
+    within = np.ones(len(points), np.bool_)
+    for s in range(len(points)):
+        for e in range(len(equations)):
+            side = equations[e, 3]
+            for axis in range(3):
+                side += equations[e, axis] * points[s, axis]
+            if side > margin:
+                within[s] = False
+                break
+    return within
 
 
 def unique(path, samples: Samples) -> tuple[Samples, tuple[str, ...]]:
@@ -129,82 +142,74 @@ def _floored(values: np.ndarray) -> np.ndarray:
         return np.log(np.maximum(values, FLOOR * middle))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True)
 def _spline(points, weights, at, out):
-    """Sums of thin-plate kernels r^2 ln r, with the linear part in the last four rows of ``weights``."""
-    n, channels = points.shape[0], weights.shape[1]
+    """Sums of cubic kernels r^3 at the points and at their images at -q; the linear part is in the last rows."""
+    n = points.shape[0]
     for s in range(at.shape[0]):
         x, y, z = at[s, 0], at[s, 1], at[s, 2]
-        for c in range(channels):
-            out[s, c] = weights[n, c] + weights[n + 1, c] * x + weights[n + 2, c] * y + weights[n + 3, c] * z
+        a = b = c = 0.0
         for i in range(n):
-            dx, dy, dz = x - points[i, 0], y - points[i, 1], z - points[i, 2]
-            square = dx * dx + dy * dy + dz * dz
-            if square > 0.0:
-                kernel = 0.5 * square * np.log(square)
-                for c in range(channels):
-                    out[s, c] += weights[i, c] * kernel
+            square = (x - points[i, 0]) ** 2 + (y - points[i, 1]) ** 2
+            near, far = square + (z - points[i, 2]) ** 2, square + (z + points[i, 2]) ** 2
+            kernel = near * np.sqrt(near) + far * np.sqrt(far)
+            a += weights[i, 0] * kernel
+            b += weights[i, 1] * kernel
+            c += weights[i, 2] * kernel
+        for k, value in enumerate((a, b, c)):
+            out[s, k] = value + weights[n, k] + weights[n + 1, k] * x + weights[n + 2, k] * y
 
 
 def _weights(points: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Weights of thin-plate splines, (..., n + 4, c), through values (..., n, c) at points (..., n, 3)."""
+    """Weights of the splines, (..., n + 3, c), through values (..., n, c) at points (..., n, 3) with q >= 0."""
     n = points.shape[-2]
-    square = ((points[..., :, None, :] - points[..., None, :, :]) ** 2).sum(-1)
-    kernel = np.zeros_like(square)
-    np.log(square, out=kernel, where=square > 0)
-    linear = np.concatenate([np.ones((*points.shape[:-1], 1)), points], -1)
-    matrix = np.zeros((*points.shape[:-2], n + 4, n + 4))
-    matrix[..., :n, :n] = 0.5 * square * kernel
+    one, other = points[..., :, None, :], points[..., None, :, :]
+    kernel = sum(np.sqrt(((one - other * image) ** 2).sum(-1)) ** 3 for image in ([1, 1, 1], [1, 1, -1]))
+    linear = np.concatenate([np.ones((*points.shape[:-1], 1)), points[..., :2]], -1)
+    matrix = np.zeros((*points.shape[:-2], n + 3, n + 3))
+    matrix[..., :n, :n] = kernel + SMOOTHING * np.eye(n)
     matrix[..., :n, n:], matrix[..., n:, :n] = linear, np.swapaxes(linear, -1, -2)
-    right = np.zeros((*values.shape[:-2], n + 4, values.shape[-1]))
+    matrix[..., np.arange(n, n + 3), np.arange(n, n + 3)] = -1e-9  # solvable where all points share a coordinate
+    right = np.zeros((*values.shape[:-2], n + 3, values.shape[-1]))
     right[..., :n, :] = values
-    if matrix.ndim == 2:
-        *_, solution, fault = lapack.dsysv(matrix, right)
-        if fault == 0 and np.isfinite(solution).all():
-            return solution
-    matrix[..., np.arange(n), np.arange(n)] += 1e-9
-    return np.linalg.lstsq(matrix, right, rcond=None)[0] if matrix.ndim == 2 else np.linalg.solve(matrix, right)
+    return np.linalg.solve(matrix, right)
 
 
 class Spline:
-    """Thin-plate splines of ln f over :func:`symmetric`, exact at the samples up to noise of pairs that meet there."""
+    """Cubic splines of ln f over :func:`symmetric`, through the samples but for SMOOTHING."""
 
     def __init__(self, samples: Samples):
         points, values = symmetric(samples.wi, samples.wo), _floored(samples.values)
-        points = np.concatenate([points, points * [1, 1, -1]])
-        key = np.rint(points / 1e-4).astype(np.int64)
+        key = np.rint(points / 1e-4).astype(np.int64)  # pairs that are one by reciprocity or mirror: their mean
         _, first, inverse, count = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
-        values = np.concatenate([values, values])
-        self.points = points[first]
+        self.points = np.ascontiguousarray(points[first])
         self.values = np.stack([np.bincount(inverse.ravel(), v) / count for v in values.T], -1)
-        self.low, self.high = np.nanmin(values, 0), np.nanmax(values, 0)
-        self.local = len(samples.wi) > MOST_GLOBAL
+        self.black = np.isnan(self.values).any(0)
+        self.values[:, self.black] = 0.0
+        self.low, self.high = self.values.min(0), self.values.max(0)
+        self.local = len(self.points) > MOST_GLOBAL
         if self.local:
             self.tree = cKDTree(self.points)
         else:
-            self.weights = _weights(self.points, np.nan_to_num(self.values))
+            self.weights = _weights(self.points, self.values)
 
     def __call__(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """ln f, rgb, at pairs (n, 3), never beyond the range of the samples; NaN in a black channel."""
         at = np.ascontiguousarray(symmetric(wi, wo))
-        out = self._nearest(at) if self.local else np.empty((len(at), 3))
-        if not self.local:
-            _spline(self.points, self.weights, at, out)
-        return np.where(np.isnan(self.low), np.nan, np.clip(out, self.low, self.high))
-
-    def _nearest(self, at: np.ndarray) -> np.ndarray:
         out = np.empty((len(at), 3))
-        for start in range(0, len(at), 5000):
-            part = at[start : start + 5000]
-            _, near = self.tree.query(part, min(NEIGHBOURS, len(self.points)))
-            points = self.points[near] - part[:, None]
-            weights = _weights(points, np.nan_to_num(self.values[near]))
-            square = (points**2).sum(-1)
-            kernel = np.zeros_like(square)
-            np.log(square, out=kernel, where=square > 0)
-            n = points.shape[1]
-            out[start : start + 5000] = np.einsum("sn,snc->sc", 0.5 * square * kernel, weights[:, :n]) + weights[:, n]
-        return out
+        if self.local:
+            for start in range(0, len(at), 4000):
+                self._nearest(at[start : start + 4000], out[start : start + 4000])
+        else:
+            _spline(self.points, self.weights, at, out)
+        return np.where(self.black, np.nan, np.clip(out, self.low, self.high))
+
+    def _nearest(self, at: np.ndarray, out: np.ndarray) -> None:
+        """Splines of their own through the nearest samples of each point."""
+        _, near = self.tree.query(at, NEIGHBOURS)
+        weights = _weights(self.points[near], self.values[near])
+        for s in range(len(at)):
+            _spline(self.points[near[s]], weights[s], at[s : s + 1], out[s : s + 1])
 
 
 class Regular:
@@ -281,20 +286,10 @@ class OnGrid:
     how: str
 
 
-def on_grid(path, samples: Samples) -> OnGrid:
-    """The samples on the MERL grid. MeasuredError where they are too few, or do not span three dimensions."""
-    if len(samples.wi) < FEWEST:
-        raise MeasuredError(f"{path}: {len(samples.wi)} pairs of directions, at least {FEWEST} are needed")
-    if not (samples.values > 0).any():
-        raise MeasuredError(f"{path}: black, no value is above 0")
-    try:
-        samples.hull  # noqa: B018
-    except QhullError:
-        raise MeasuredError(
-            f"{path}: the directions lie in one plane; out-of-plane ones are needed, or several theta_i and theta_o"
-        ) from None
+def on_grid(samples: Samples) -> OnGrid:
+    """Samples that :func:`checked` let pass on the MERL grid."""
     source = regular(samples)
-    how = "linear between the nodes of a regular table" if source else "thin-plate splines in ln f between samples"
+    how = "linear between the nodes of a regular table" if source else "cubic splines in ln f between samples"
     if source:
         logs, inside, distance = _everywhere(source, samples, phi_d_centres()[: GRID_SHAPE[2] // 2], None)
     else:
@@ -330,3 +325,103 @@ def _everywhere(source, samples: Samples, phi_d: np.ndarray, steps: np.ndarray |
     w = (place - low)[:, None]
     logs[rows] = values[:, low] * (1 - w) + values[:, low + 1] * w
     return logs, inside, distance
+
+
+def on_sphere(path, columns: np.ndarray, places: np.ndarray, unit: str):
+    """Unit vectors wi, wo (n, 3) of rows theta_i phi_i theta_o phi_o in ``unit`` "degrees" or "radians", or of six
+    components ("vectors"); which rows are kept (bool), and words on those that are not, at exactly 90 degrees.
+
+    MeasuredError, naming the line, for a direction below the surface, one that is no unit vector, and angles that are
+    in the other unit by their looks.
+    """
+    if unit == "vectors":
+        wi, wo = columns[:, :3], columns[:, 3:]
+        length = np.stack([np.linalg.norm(w, axis=1) for w in (wi, wo)], -1)
+        off = (np.abs(length - 1) > 1e-2).any(1)
+        if off.any():
+            at = int(np.flatnonzero(off)[0])
+            raise MeasuredError(f"{path}: line {places[at]}: a direction of length {length[at].min():.4g}; 1 is wanted")
+        wi, wo = wi / length[:, :1], wo / length[:, 1:]
+    else:
+        theta, phi = columns[:, 0::2], columns[:, 1::2]
+        small = np.abs(theta).max() <= np.pi / 2 + 1e-3 and np.abs(phi).max() <= 2 * np.pi + 1e-3
+        if unit == "degrees" and small and len(columns) > 1:
+            raise MeasuredError(
+                f"{path}: no angle above {np.abs(columns).max():.3g}: radians? degrees are wanted, or '# angles: radians'"
+            )
+        if unit == "radians" and (np.abs(theta).max() > 2 * np.pi or np.abs(phi).max() > 4 * np.pi):
+            at = int(np.argmax(np.abs(columns).max(1)))
+            raise MeasuredError(
+                f"{path}: line {places[at]}: an angle of {np.abs(columns[at]).max():g}: degrees? radians are wanted"
+            )
+        if unit == "degrees":
+            theta, phi = np.deg2rad(theta), np.deg2rad(phi)
+        if theta.min() < -1e-6:
+            at = int(np.argmin(theta.min(1)))
+            raise MeasuredError(
+                f"{path}: line {places[at]}: a negative theta; write it positive with phi + 180 degrees"
+            )
+        wi, wo = (
+            np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], -1) for t, p in zip(theta.T, phi.T)
+        )
+    lowest = np.minimum(wi[:, 2], wo[:, 2])
+    if lowest.min() < -1e-6:
+        at = int(np.argmin(lowest))
+        angle = np.rad2deg(np.arccos(np.clip(lowest[at], -1, 1)))
+        raise MeasuredError(
+            f"{path}: line {places[at]}: a direction below the surface, {angle:.4g} degrees from the normal; remove the row"
+        )
+    keep = lowest > 1e-6
+    if not keep.any():
+        raise MeasuredError(f"{path}: every pair has a direction at 90 degrees, where nothing can be measured")
+    lost = int((~keep).sum())
+    told = (f"{lost:,} rows with a direction at 90 degrees are left out",) if lost else ()
+    return wi[keep], wo[keep], keep, told
+
+
+def checked(path, samples: Samples) -> tuple[Samples, float, tuple[str, ...]]:
+    """Samples ready to be interpolated, the share whose colour is out of gamut, and words on what was changed.
+
+    All channels negative: no value, left out; a single one is 0. MeasuredError for too few, black, or flat data, and
+    for pairs that disagree.
+    """
+    negative = samples.values < 0
+    keep = ~negative.all(1)
+    lost = int((~keep).sum())
+    told = (f"{lost:,} rows with negative values only are left out",) if lost else ()
+    share = float(negative[keep].any(1).mean()) if keep.any() else 0.0
+    values = np.maximum(samples.values[keep], 0)
+    kept, more = unique(path, Samples(samples.wi[keep], samples.wo[keep], values, samples.places[keep]))
+    if len(kept.wi) < FEWEST:
+        raise MeasuredError(f"{path}: {len(kept.wi)} pairs of directions, at least {FEWEST} are needed")
+    if not (kept.values > 0).any():
+        raise MeasuredError(f"{path}: black, no value is above 0")
+    try:
+        kept.hull  # noqa: B018
+    except (QhullError, ValueError):
+        raise MeasuredError(
+            f"{path}: the directions lie in one plane; several theta_i, theta_o and azimuths are needed"
+        ) from None
+    return kept, share, (*told, *more)
+
+
+def to_measured(path, samples: Samples, *, format: str, warnings: tuple[str, ...] = (), **about: str) -> Measured:
+    """Samples as a Measured of the MERL grid; ``about``: source, instrument, note, kind of a Provenance."""
+    samples, share, told = checked(path, samples)
+    grid = on_grid(samples)
+    if np.isnan(grid.table).all():
+        raise MeasuredError(f"{path}: no cell of the MERL grid lies between the samples")
+    valid = ~np.isnan(grid.table[..., 0])
+    how = f"{len(samples.wi):,} pairs of directions, {grid.how}; {valid.sum() / above_horizon().sum():.0%} of the grid"
+    kind = about.pop("kind", MEASURED)
+    provenance = Provenance(
+        format=format,
+        kind=MEASURED if kind == STANDIN else kind,
+        shares={"out of gamut": share},
+        warnings=(*warnings, *told, how, *suspicions(grid.table)),
+        **about,
+    )
+    angles = np.stack(half_difference(samples.wi, samples.wo), -1)
+    return Measured(
+        name_of(path), grid.table, kind == STANDIN, Path(path), provenance, grid.distance, angles.astype(np.float32)
+    )

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from brdfatlas.angles import theta_d_centres, theta_h_centres
-from brdfatlas.measured import SCALE
+from brdfatlas.formats.merl import SCALE
 from brdfatlas.microfacet import schlick, schlick_weight
 from brdfatlas.models.base import Function, Option, Paper, Parameter, Parameters, objective_option
 from brdfatlas.models.single_lobe.base import SingleLobeModel
