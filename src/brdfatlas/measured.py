@@ -5,12 +5,13 @@ Files are read by :mod:`brdfatlas.formats`.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
-from brdfatlas.angles import GRID_SHAPE, half_difference
+from brdfatlas.angles import GRID_SHAPE, N_PHI_D, half_difference
+from brdfatlas.compiled import njit
 
 N_CELLS = int(np.prod(GRID_SHAPE))
 #: What a table may be: a measurement, somebody's reconstruction of one (a network, a fit), or a built-in stand-in.
@@ -78,19 +79,32 @@ class Measured:
         """Cells that were measured, bool of GRID_SHAPE."""
         return ~np.isnan(self.table[..., 0])
 
+    @cached_property
+    def extended(self) -> np.ndarray:
+        """The table with a value in every cell (:func:`extend`), made once; do not write to it."""
+        return extend(self.table, self.valid)
+
     def evaluate(self, wi, wo) -> np.ndarray:
         """rgb in 1/sr at directions (..., 3), trilinear, extended beyond the horizon; 0 below the surface."""
-        return look_up(extend(self.table, self.valid), wi, wo)
+        return look_up(self.extended, wi, wo)
+
+
+def fold(table: np.ndarray) -> np.ndarray:
+    """A table on the MERL grid, (90, 90, 180, ...): the mean of both orders of the directions if it is on the full
+    circle, (90, 90, 360, ...), else the table itself."""
+    if table.shape[2] == N_PHI_D:
+        return table
+    return 0.5 * (table[:, :, :N_PHI_D] + table[:, :, N_PHI_D:])
 
 
 def extension_index(valid: np.ndarray) -> np.ndarray:
     """For each cell, the flat index of the cell whose value stands in for it: itself where valid, else the nearest
-    valid cell in phi_d (periodic by reciprocity), else that of the nearest (theta_h, theta_d) that has one.
+    valid cell in phi_d (periodic), else that of the nearest (theta_h, theta_d) that has one.
 
     One rule for the reference and every fit, always with the reference's mask: no model is judged where nothing was
-    measured and none explodes there. Shape GRID_SHAPE, int32. ValueError if nothing is valid.
+    measured and none explodes there. Shape of ``valid`` (90, 90, 180 or 360), int32. ValueError if nothing is valid.
     """
-    index = np.arange(N_CELLS, dtype=np.int32).reshape(GRID_SHAPE).copy()
+    index = np.arange(valid.size, dtype=np.int32).reshape(valid.shape)
     if valid.all():
         return index
     has_row = valid.any(axis=2)
@@ -123,17 +137,26 @@ def _nearest_in_phi(valid, index):
 
 
 def extend(table: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """``table`` with every cell outside the mask ``valid`` filled by the rule of :func:`extension_index`."""
-    return table.reshape(N_CELLS, -1)[extension_index(valid)].reshape(table.shape)
+    """``table`` with every cell outside the mask ``valid`` filled by the rule of :func:`extension_index`.
+
+    A table on the full circle, (90, 90, 360, ...), may come with a mask of GRID_SHAPE: what was measured in one order
+    of the directions was measured in both.
+    """
+    if table.shape[2] == 2 * valid.shape[2]:
+        valid = np.concatenate([valid, valid], 2)
+    return table.reshape(valid.size, -1)[extension_index(valid)].reshape(table.shape)
 
 
 @njit(cache=True, nogil=True)
-def _trilinear(table, theta_h, theta_d, phi_d, out):
+def _trilinear(table, theta_h, theta_d, phi_d, period, out):
     n_h, n_d, n_p = table.shape[:3]
     for s in range(theta_h.size):
+        if not np.isfinite(theta_h[s] + theta_d[s] + phi_d[s]):
+            out[s, :] = np.nan
+            continue
         x = min(max(np.sqrt(theta_h[s] / (0.5 * np.pi)) * n_h - 0.5, 0.0), n_h - 1.0)
         y = min(max(theta_d[s] / (0.5 * np.pi) * n_d - 0.5, 0.0), n_d - 1.0)
-        z = (phi_d[s] / np.pi * n_p - 0.5) % n_p
+        z = (phi_d[s] / period * n_p - 0.5) % n_p
         i, j, k = min(int(x), n_h - 2), min(int(y), n_d - 2), int(z) % n_p
         u, v, w = x - i, y - j, z - int(z)
         k1 = (k + 1) % n_p
@@ -148,10 +171,15 @@ def _trilinear(table, theta_h, theta_d, phi_d, out):
 
 
 def look_up(table: np.ndarray, wi, wo) -> np.ndarray:
-    """Trilinear look-up between cell centres at directions (..., 3); 0 where one direction is below the surface."""
+    """Trilinear look-up between cell centres at directions (..., 3), in a table on the MERL grid, (90, 90, 180, n), or
+    on the full circle, (90, 90, 360, n).
+
+    0 where one direction is below the surface, NaN where one is NaN.
+    """
     wi, wo = np.broadcast_arrays(np.asarray(wi, float), np.asarray(wo, float))
-    theta_h, theta_d, phi_d = (a.ravel() for a in half_difference(wi, wo))
+    full_circle = table.shape[2] > N_PHI_D
+    theta_h, theta_d, phi_d = (a.ravel() for a in half_difference(wi, wo, full_circle))
     out = np.empty((theta_h.size, table.shape[-1]))
-    _trilinear(table, theta_h, theta_d, phi_d, out)
-    out[((wi[..., 2] <= 0) | (wo[..., 2] <= 0)).ravel()] = 0.0
+    _trilinear(table, theta_h, theta_d, phi_d, np.pi * (1 + full_circle), out)
+    out[(((wi[..., 2] <= 0) | (wo[..., 2] <= 0)).ravel()) & np.isfinite(theta_h)] = 0.0
     return out.reshape(*wi.shape[:-1], table.shape[-1])

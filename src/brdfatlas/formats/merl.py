@@ -11,9 +11,9 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon
+from brdfatlas.compiled import njit
 from brdfatlas.files import atomic_path
 from brdfatlas.formats.files import MAX_VALUE, name_of, read_bytes, size_of
 from brdfatlas.formats.plausibility import suspicions

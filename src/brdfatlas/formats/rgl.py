@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes, grid_cosines
+from brdfatlas.compiled import njit
 from brdfatlas.formats.colour import ILLUMINATION, rgb_weights
 from brdfatlas.formats.files import MAX_VALUE, name_of, read_bytes, size_of
 from brdfatlas.formats.plausibility import suspicions

@@ -15,7 +15,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
@@ -28,6 +27,7 @@ from brdfatlas.angles import (
     theta_d_centres,
     theta_h_centres,
 )
+from brdfatlas.compiled import njit
 from brdfatlas.formats.files import name_of
 from brdfatlas.formats.plausibility import suspicions
 from brdfatlas.measured import MEASURED, STANDIN, Measured, MeasuredError, Provenance
