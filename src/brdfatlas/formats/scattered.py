@@ -319,7 +319,7 @@ def on_grid(samples: Samples) -> OnGrid:
 
 
 def _everywhere(source, samples: Samples, phi_d: np.ndarray, steps: np.ndarray | None):
-    """Values as of :func:`_split`, inside or not, distance, at theta_h, theta_d, phi_d up to pi/2: (90, 90, 90, ...)."""
+    """Values as of :func:`_split`, inside or not, distance, at (theta_h, theta_d, phi_d): (90, 90, 90, ...)."""
     shape = (GRID_SHAPE[0], GRID_SHAPE[1], len(phi_d))
     inside, distance = np.zeros(shape, bool), np.full(shape, np.nan)
     cells = above_horizon()[:, :, : shape[2]]
