@@ -37,6 +37,8 @@ except ValueError as error:
 ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
 
 BINARIES = {material.name: material.binary for material in FOUND}
+# Files of other formats than MERL are put on the grid once; jobs read the result.
+SOURCES = {material.name: material.source for material in FOUND if material.source}
 STANDINS = {material.name for material in FOUND if material.standin}
 MATERIALS = list(BINARIES)
 REFERENCES = [REFERENCE, REFERENCE_AGAIN]
@@ -59,7 +61,7 @@ wildcard_constraints:
 
 
 def binary_of(wildcards):
-    """The MERL file of a material."""
+    """The file of a material that jobs read."""
     return BINARIES[wildcards.material]
 
 
