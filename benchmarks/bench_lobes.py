@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
+from brdfatlas import read_merl
 from brdfatlas.fits import fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS
 from brdfatlas.models.three_lobe.base import (
     LobeModel,

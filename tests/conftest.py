@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-import brdfatlas  # noqa: F401 (before any test imports NumPy: it keeps BLAS to one thread)
+#: Before any test imports NumPy: idle BLAS threads spin.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Made by a run; a copy of the project starts without them.

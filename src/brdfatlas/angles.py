@@ -3,6 +3,9 @@
 All directions are unit vectors that point away from the surface, n = z. Angles are radians. A grid sample sits at
 the centre of its cell (the left edges would give theta_h = 0 and theta_d = 0 no weight).
 
+The grid has phi_d in [0, pi): exchanging the two directions adds pi, which a reciprocal BRDF does not notice. One that
+is not reciprocal is put on the full circle, [0, 2 pi), 360 cells.
+
 Rusinkiewicz, "A New Change of Variables for Efficient BRDF Representation", 1998; Matusik et al. 2003 (MERL).
 """
 
@@ -24,14 +27,14 @@ def theta_d_centres() -> np.ndarray:
     return (np.arange(N_THETA_D) + 0.5) / N_THETA_D * (np.pi / 2)
 
 
-def phi_d_centres() -> np.ndarray:
-    """Centres of the 180 phi_d cells of one degree in [0, pi); shape (180,), radians."""
-    return (np.arange(N_PHI_D) + 0.5) / N_PHI_D * np.pi
+def phi_d_centres(full_circle: bool = False) -> np.ndarray:
+    """Centres of the phi_d cells of one degree, radians: 180 in [0, pi), or 360 in [0, 2 pi)."""
+    return (np.arange(N_PHI_D * (1 + full_circle)) + 0.5) / N_PHI_D * np.pi
 
 
-def grid_axes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """theta_h (90, 1, 1), theta_d (1, 90, 1), phi_d (1, 1, 180): the grid's axes, ready to broadcast."""
-    return theta_h_centres()[:, None, None], theta_d_centres()[None, :, None], phi_d_centres()[None, None, :]
+def grid_axes(full_circle: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """theta_h (90, 1, 1), theta_d (1, 90, 1), phi_d (1, 1, 180 or 360): the grid's axes, ready to broadcast."""
+    return theta_h_centres()[:, None, None], theta_d_centres()[None, :, None], phi_d_centres(full_circle)[None, None]
 
 
 def directions(theta_h, theta_d, phi_d) -> tuple[np.ndarray, np.ndarray]:
@@ -48,11 +51,12 @@ def directions(theta_h, theta_d, phi_d) -> tuple[np.ndarray, np.ndarray]:
     return wi, wo
 
 
-def half_difference(wi, wo) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def half_difference(wi, wo, full_circle: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """theta_h, theta_d in [0, pi/2] and phi_d in [0, pi) of unit vectors wi, wo of shape (..., 3).
 
-    phi_d is folded by reciprocity. Written with chord lengths instead of arc cosines, which lose half their digits
-    near 0, where highlights live.
+    phi_d is folded by reciprocity, unless ``full_circle`` asks for [0, 2 pi): exchanging wi and wo adds pi. Written
+    with chord lengths instead of arc cosines, which lose half their digits near 0, where highlights live. A direction
+    with a NaN has NaN angles.
     """
     wi, wo = np.asarray(wi, float), np.asarray(wo, float)
     total, difference = wi + wo, wi - wo
@@ -65,7 +69,10 @@ def half_difference(wi, wo) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     sin_p = np.where(safe, h[..., 1] / np.where(safe, rho, 1), 0.0)
     along = h[..., 2] * (wi[..., 0] * cos_p + wi[..., 1] * sin_p) - rho * wi[..., 2]
     across = wi[..., 1] * cos_p - wi[..., 0] * sin_p
-    return theta_h, theta_d, np.mod(np.arctan2(across, along), np.pi)
+    # the modulus of a tiny negative number is the period itself
+    period = np.pi * (1 + full_circle)
+    phi_d = np.mod(np.arctan2(across, along), period)
+    return theta_h, theta_d, np.where(phi_d >= period, 0.0, phi_d)
 
 
 @cache

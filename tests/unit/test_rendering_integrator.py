@@ -106,15 +106,16 @@ def test_a_fit_of_another_shape_is_sampled_as_its_reference(sphere):
     assert difference.mean() > 0.05 * first.mean(), "and there is a difference"
 
 
-def test_sobol_points_are_those_of_scipy():
+def test_sobol_points_are_those_of_scipy(sphere):
     from scipy.stats import qmc
 
-    from brdfatlas.rendering.integrator import DIMENSIONS, sobol_points
+    from brdfatlas.rendering.scenes import DIMENSIONS, N_POINTS, sobol_points
 
-    expected = qmc.Sobol(DIMENSIONS, scramble=False, bits=32).random(1024) * 2.0**32
-    np.testing.assert_array_equal(sobol_points(1024), expected.astype(np.uint64))
-    np.testing.assert_array_equal(sobol_points(5), expected[:5].astype(np.uint64))
-    assert sobol_points(1).tolist() == [[0] * DIMENSIONS]
+    expected = (qmc.Sobol(DIMENSIONS, scramble=False, bits=32).random(2 * N_POINTS) * 2.0**32).astype(np.uint64)
+    for count in (1, 5, N_POINTS, N_POINTS + 1):
+        np.testing.assert_array_equal(sobol_points(count), expected[:count])
+        np.testing.assert_array_equal(sobol_points(count, expected[:N_POINTS]), expected[:count])
+    np.testing.assert_array_equal(sphere.points, expected[:N_POINTS])
 
 
 def test_more_lanes_where_the_noise_is():
@@ -125,13 +126,13 @@ def test_more_lanes_where_the_noise_is():
     variant()
     setup = set_up(prepare_scene("studio_sphere", SCENES["studio_sphere"], 48, samples=16))
     reference = reflectance_of(material(0.03))
-    lanes = share_lanes(setup, reference, 256, 1)
-    np.testing.assert_array_equal(lanes, share_lanes(setup, reference, 256, 1), "the same for every fit")
+    lanes = share_lanes(setup, reference, 256, 2)
+    np.testing.assert_array_equal(lanes, share_lanes(setup, reference, 256, 2), "the same for every fit")
     assert lanes.min() == 1
     assert 2 < lanes.max() <= MOST_LANES
     assert lanes.sum() == int(MORE_LANES * len(setup.pixels)), "one number for all materials: one kernel"
     inside = setup.scene.mask
-    plain, shared = (render_batches(setup, reference, 256, 8, 1, n)[:, inside] for n in (None, lanes))
+    plain, shared = (render_batches(setup, reference, 256, 8, 1, n)[0][:, inside] for n in (None, lanes))
     assert shared.var(0, ddof=1).mean() * MORE_LANES < 0.7 * plain.var(0, ddof=1).mean()
     # Independent of the pictures, so without bias: the means agree within their noise.
     error = np.sqrt((plain.mean((1, 2)).var(ddof=1) + shared.mean((1, 2)).var(ddof=1)) / 8)
@@ -284,3 +285,37 @@ def test_impossible_settings_are_refused(sphere):
     for settings, word in (({"samples": 0}, "samples"), ({"samples": 8, "batches": 0}, "batches")):
         with pytest.raises(SceneError, match=f"render.{word}"):
             render_scene(sphere, material(0.15), **settings)
+
+
+def test_all_models_in_one_pass_are_those_of_passes_of_their_own(scene):
+    """Tables on half and on the full circle, in groups of every size, to rounding; and the rest of a group is zeros."""
+    from brdfatlas.rendering.bsdf import GROUP_SIZES, reflectance_of
+    from brdfatlas.rendering.integrator import render_batches, set_up, share_lanes
+
+    m = material(0.15)
+    other = 0.5 * m.table
+    other[:, :, ::2] *= 1.5
+    tables = [m.table, other, np.concatenate([m.table, other], 2)]
+    setup, reference = set_up(scene), reflectance_of(m)
+    lanes = share_lanes(setup, reference, 32, 9)
+    alone = [render_batches(setup, reference.with_tables(t), 32, 4, 1, lanes)[0] for t in tables]
+    for size in GROUP_SIZES[1:3]:
+        chosen = [n % len(tables) for n in range(size - 1)]
+        found = render_batches(setup, reference.with_tables([tables[n] for n in chosen]), 32, 4, 1, lanes)
+        assert len(found) == size - 1
+        for n, picture in zip(chosen, found):
+            np.testing.assert_allclose(picture, alone[n], rtol=1e-4, atol=1e-5)
+    assert np.abs(alone[2] - alone[0]).max() > 1e-2, "the second half of the circle is seen"
+
+
+def test_more_models_than_a_group_holds(sphere):
+    from brdfatlas.rendering.bsdf import GROUP_SIZES
+    from brdfatlas.rendering.jobs import render_models
+
+    m = material(0.3)
+    tables = {f"m{n}": m.table * (1 + n) for n in range(GROUP_SIZES[-1] + 2)}
+    found = render_models(sphere, m, {"reference": None} | tables, samples=8)
+    assert list(found) == ["reference", *tables]
+    for n, name in enumerate(tables):
+        inside = found[name].mean[sphere.mask]
+        np.testing.assert_allclose(inside, found["reference"].mean[sphere.mask] * (1 + n), rtol=1e-4, atol=1e-5)

@@ -1,4 +1,4 @@
-"""The jobs: one EXR a scene, kept while still right; a failed fit is told from a black picture."""
+"""The jobs: one EXR a model, kept while still right; a failed fit is told from a black picture."""
 
 import os
 import re
@@ -11,7 +11,8 @@ from rendering_materials import material, variant
 
 from brdfatlas.files import write_json
 from brdfatlas.fits import fit
-from brdfatlas.measured import MeasuredError, write_merl
+from brdfatlas.formats.merl import write_merl
+from brdfatlas.measured import Measured, MeasuredError
 from brdfatlas.rendering import jobs
 from brdfatlas.rendering.images import load_render, read_meta
 from brdfatlas.rendering.scenes import SceneError, load_scene, read_scenes
@@ -39,45 +40,72 @@ def here(tmp_path):
     return tmp_path
 
 
-def run(here, model="reference", names="ab", **changes):
-    """Run the job; returns the outputs whose pixels were made anew."""
-    found = model not in ("reference", "reference_again")
-    outputs = {name: str(here / f"{model}-{name}.exr") for name in names}
+def run(here, *models, scene="a", **changes):
+    """Run the job; returns the models whose pixels were made anew."""
+    models = models or ("reference",)
+    outputs = {model: str(here / f"{model}-{scene}.exr") for model in models}
     before = {path: Path(path).stat().st_ino if Path(path).exists() else None for path in outputs.values()}
-    jobs.render_job(
-        "m",
-        model,
-        str(here / "m.binary"),
-        str(here / f"{model}.npz") if found else None,
-        str(here / f"{model}.json") if found else None,
-        {name: str(here / f"{name}.npz") for name in names},
-        outputs,
-        SETTINGS | changes,
-    )
-    return [name for name, path in outputs.items() if Path(path).stat().st_ino != before[path]]
+    fits = {m: (str(here / f"{m}.npz"), str(here / f"{m}.json")) for m in models if not m.startswith("reference")}
+    binary, prepared = str(here / "m.binary"), str(here / f"{scene}.npz")
+    jobs.render_job("m", binary, prepared, fits, outputs, SETTINGS | changes)
+    return [model for model, path in outputs.items() if Path(path).stat().st_ino != before[path]]
 
 
 def test_a_render_is_kept_while_it_is_right(here):
-    assert run(here, names="a") == ["a"]
+    assert run(here) == ["reference"]
     old = os.stat(here / "reference-a.exr").st_mtime_ns
-    assert run(here, names="ab") == ["b"]  # a new scene renders only itself,
+    assert run(here, "reference", "ggx") == ["ggx"]  # a new model renders only itself,
     assert os.stat(here / "reference-a.exr").st_mtime_ns > old  # but Snakemake sees every output as made
-    assert run(here, names="ab") == []
-    assert run(here, names="ab", samples=24) == ["a", "b"]
-    assert run(here, names="ab", samples=24, scene_samples={"a": 32, "b": None}) == ["a"]
+    assert run(here, "reference", "ggx") == []
+    assert run(here, "reference", "ggx", scene="b") == ["reference", "ggx"]
+    assert run(here, "reference", "ggx", samples=24) == ["reference", "ggx"]
     (here / "reference-a.exr").write_bytes((here / "reference-a.exr").read_bytes()[:-200])
-    assert run(here, names="ab", samples=24, scene_samples={"a": 32, "b": None}) == ["a"]  # damaged: made again
+    assert run(here, "reference", "ggx", samples=24) == ["reference"]  # damaged: made again
+    fit("gaussian", material(0.3)).save(here / "ggx.npz")
+    assert run(here, "reference", "ggx", samples=24) == ["ggx"]
     write_merl(here / "m.binary", 1.1 * material(0.3).table)
-    assert run(here, names="ab", samples=24) == ["a", "b"]
+    assert run(here, "reference", "ggx", samples=24) == ["reference", "ggx"]
+
+
+def test_a_picture_does_not_depend_on_what_is_rendered_beside_it(here):
+    """Rendered later and alone, a picture is the one that comes of the shared pass, to rounding."""
+    names = ("reference", "reference_again", "ggx")
+    run(here, *names)
+    together = [load_render(here / f"{name}-a.exr").batches for name in names]
+    for name, expected in zip(names, together):
+        (here / f"{name}-a.exr").unlink()
+        run(here, name)
+        np.testing.assert_allclose(load_render(here / f"{name}-a.exr").batches, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_materials_and_scenes_have_random_numbers_of_their_own():
+    """So have the repetition and the small render that shares out lanes."""
+    seeds = [
+        jobs.picture_seed(seed, *names)
+        for seed in (1, 2)
+        for names in (("m", "a"), ("n", "a"), ("m", "b"), ("m", "a", "reference_again"), ("m", "a", "pilot"))
+    ]
+    assert len(set(seeds)) == len(seeds)
+    assert all(0 <= seed < 2**32 for seed in seeds)
+
+
+def test_the_noise_of_two_materials_is_not_correlated(here):
+    scene, m = load_scene(here / "a.npz"), material(0.3)
+    first, second = (
+        jobs.render_models(scene, item, {"reference": None}, samples=64)["reference"]
+        for item in (m, Measured("another", m.table))
+    )
+    a, b = ((r.batches - r.mean)[:, scene.mask, 1].ravel() for r in (first, second))
+    assert abs(np.corrcoef(a, b)[0, 1]) < 5 / np.sqrt(a.size)
 
 
 def test_a_new_exposure_changes_the_label_not_the_pixels(here):
-    run(here, names="a")
+    run(here)
     pixels = load_render(here / "reference-a.exr")
     scene = load_scene(here / "a.npz")
     scene.definition["exposure"] = 7.0
     scene.save(here / "a.npz")
-    run(here, names="a")
+    run(here)
     again = load_render(here / "reference-a.exr")
     assert again.meta["exposure"] == "7.0"
     assert again.meta["fingerprint"] == pixels.meta["fingerprint"]
@@ -87,8 +115,7 @@ def test_a_new_exposure_changes_the_label_not_the_pixels(here):
 
 def test_fits_share_the_random_numbers_of_their_reference(here):
     """A fit that is the reference has its very pixels; the repetition has others."""
-    for model in ("reference", "reference_again", "ggx"):
-        run(here, model, names="a")
+    run(here, "reference", "reference_again", "ggx")
     reference, again, fitted = (load_render(here / f"{m}-a.exr") for m in ("reference", "reference_again", "ggx"))
     inside = reference.mask
     noise = np.sqrt(((again.mean - reference.mean)[inside] ** 2).mean())
@@ -102,15 +129,15 @@ def test_fits_share_the_random_numbers_of_their_reference(here):
 
 
 def test_a_failed_fit_is_said_to_have_failed(here):
-    run(here, "failed", names="a")
+    run(here, "failed")
     render = load_render(here / "failed-a.exr")
     assert render.meta["status"] == "failed"
     assert not render.mean.any()
     assert render.mask.any()
-    assert run(here, "failed", names="a") == []
+    assert run(here, "failed") == []
     fit("ggx", material(0.3)).save(here / "failed.npz")
     write_json(here / "failed.json", {"status": "ok"})
-    assert run(here, "failed", names="a") == ["a"]
+    assert run(here, "failed", "ggx") == ["failed", "ggx"]
     assert read_meta(here / "failed-a.exr")["status"] == "ok"
 
 

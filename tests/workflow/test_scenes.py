@@ -1,4 +1,4 @@
-"""Scenes in the workflow: a new one renders only itself, a missing file stops the run before any work."""
+"""Scenes in the workflow: a new one, or a new model, renders only itself; a missing file stops the run at once."""
 
 import numpy as np
 import yaml
@@ -21,20 +21,26 @@ def add_scene(project, name, **changes):
 
 def test_a_new_scene_renders_only_itself(project):
     first, second = f"{RENDERS}/studio_sphere.exr", f"{RENDERS}/mine.exr"
-    log = project.root / "results/logs/render_material/pink-felt/reference.log"
+    log = project.root / "results/logs/render_material/pink-felt/studio_sphere.log"
     project.snakemake("--", first)
-    assert "studio_sphere.exr: rendered" in log.read_text()
+    assert "reference/studio_sphere.exr: rendered" in log.read_text()
     before = load_render(project.root / first)
     inode = (project.root / first).stat().st_ino
     add_scene(project, "mine")
-    project.snakemake("--", second)
-    said = log.read_text()
-    assert "studio_sphere.exr: kept" in said
-    assert "mine.exr: rendered" in said
+    assert project.planned("--", first, second)["render_material"] == 1
+    project.snakemake("--", first, second)
     assert (project.root / first).stat().st_ino == inode
     np.testing.assert_array_equal(load_render(project.root / first).mean, before.mean)
     assert load_render(project.root / second).mask.any()
     assert project.planned("--", first, second) == {}
+    # A new model renders only itself.
+    project.configure(models=["ggx", "gaussian", "tabulated"])
+    project.snakemake("--", first)
+    said = log.read_text()
+    assert "tabulated/studio_sphere.exr: rendered" in said
+    assert "reference/studio_sphere.exr: kept" in said
+    assert "ggx/studio_sphere.exr: kept" in said
+    assert (project.root / first).stat().st_ino == inode
 
 
 def test_a_missing_probe_stops_before_any_work(project):

@@ -27,11 +27,11 @@ def test_lint_is_clean(project):
     assert "Congratulations" in project.snakemake("--lint").stdout
 
 
-def test_dry_run_plans_a_job_per_material_and_model(project):
+def test_dry_run_plans_a_fit_per_material_and_model_and_all_renders_of_a_scene_at_once(project):
     planned = project.planned()
     assert planned["make_standin"] == 2
     assert planned["fit_model"] == 4
-    assert planned["render_material"] == 2 * (2 + 2)  # two models, the reference and its repetition
+    assert planned["render_material"] == 2
 
 
 def test_bad_configuration_stops_before_any_work(project):
@@ -109,7 +109,7 @@ def test_a_new_material_costs_that_material_only(finished_run):
     planned = with_config(finished_run, materials=["pink-felt", "chrome", "nylon"])
     assert planned["make_standin"] == 1
     assert planned["fit_model"] == 2
-    assert planned["render_material"] == 4
+    assert planned["render_material"] == 1
     assert planned["write_material_page"] == 2, "its own, and that of chrome, which links to it"
     assert planned["draw_pictures"] == planned["draw_figures"] == 1
 
@@ -133,8 +133,8 @@ def test_a_new_scene_fits_nothing(finished_run):
     other = next(name for name in scenes if name != "studio_sphere")
     planned = with_config(finished_run, scenes=["studio_sphere", other])
     assert "fit_model" not in planned
-    assert planned["prepare_scene"] == 2  # the list of scenes is checked anew; renders are kept (test_scenes.py)
-    assert planned["render_material"] == 8
+    assert planned["prepare_scene"] == 1
+    assert planned["render_material"] == 2
 
 
 def test_an_option_of_a_model_refits_that_model_only(finished_run):

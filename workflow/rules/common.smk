@@ -5,20 +5,16 @@ import os
 import sys
 from pathlib import Path
 
-from brdfatlas.pipeline.configuration import (
-    check_samples,
-    choose,
-    files_of_scene,
-    read_assets,
-    read_config,
-)
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
+from brdfatlas.export.uber_texture import HEIGHT, has_row
 from brdfatlas.models import read_entries
+from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config
+from brdfatlas.pipeline.leftovers import missing_files
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.provenance import provenance, shipped
 from brdfatlas.pipeline.records import revision, versions
-from brdfatlas.rendering.scenes import read_scenes
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
-from brdfatlas.export.uber_texture import HEIGHT, has_row
+from brdfatlas.rendering.scenes import read_scenes
 
 try:
     config = read_config(config)
@@ -35,10 +31,10 @@ except ValueError as error:
 # The rows of the run, for every job that says more of a model than its name.
 ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
 
-
 BINARIES = {material.name: material.binary for material in FOUND}
 STANDINS = {material.name for material in FOUND if material.standin}
 MATERIALS = list(BINARIES)
+REFERENCES = [REFERENCE, REFERENCE_AGAIN]
 PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)
@@ -74,23 +70,13 @@ def neighbours(wildcards):
 
 
 def scene_files(names):
-    """The light probes and meshes that these scenes read. One that is not there stops a run when it is planned, before
-    any work; downloads need no scene, so they are not stopped."""
+    """The light probes and meshes that these scenes read. One that is not there stops every run that needs it when it
+    is planned, before any work; by an exit, because Snakemake passes over errors of inputs of what exists already."""
     source = config["scenes_file"]
     try:
         return [file for name in names for file in files_of_scene(name, ALL_SCENES[name], source, ASSETS)]
     except ValueError as error:
-        raise WorkflowError(str(error)) from None
-
-
-def fit_of(wildcards):
-    """The fit that a render needs: none for the measured table itself."""
-    if wildcards.model in ("reference", "reference_again"):
-        return {}
-    return {
-        "fit": rules.fit_model.output.fit.format(**wildcards),
-        "report": rules.fit_model.output.report.format(**wildcards),
-    }
+        raise SystemExit(str(error)) from None
 
 
 def texture_rows(wildcards):

@@ -1,5 +1,12 @@
-# (material, model) --> one EXR a scene. The model may be "reference", or "reference_again": the same with other random
-# numbers, which measures the noise. An EXR that is still right is kept, so a new scene renders only itself.
+# (material, scene) --> one EXR for the reference, the reference with other random numbers, which measures the noise, and
+# every fit, all along the same paths. An EXR that is still right is kept, so a new model costs its own share only.
+
+
+def render_settings(wildcards):
+    """How a scene is rendered: samples, batches, seed and Mitsuba's variant."""
+    settings = {key: config["render"][key] for key in ("samples", "batches", "seed", "variant")}
+    samples = ALL_SCENES[wildcards.scene]["samples"]
+    return settings | ({"samples": samples} if samples else {})
 
 
 rule check_scenes:
@@ -28,7 +35,8 @@ rule check_scenes:
 
 rule prepare_scene:
     input:
-        checked="results/scenes/checked.txt",
+        # Checked before it is made; another list of scenes does not make this one stale.
+        checked=ancient("results/scenes/checked.txt"),
         files=lambda wildcards: scene_files([wildcards.scene]),
     output:
         "results/scenes/{scene}.npz",
@@ -54,28 +62,29 @@ rule prepare_scene:
 
 rule render_material:
     input:
-        unpack(fit_of),
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
         binary=binary_of,
-        scenes=expand(rules.prepare_scene.output, scene=SCENES),
+        scene=rules.prepare_scene.output,
     output:
-        [update(f"results/renders/{{material}}/{{model}}/{scene}.exr") for scene in SCENES],
+        [update(f"results/renders/{{material}}/{model}/{{scene}}.exr") for model in [*REFERENCES, *MODELS]],
     log:
-        "results/logs/render_material/{material}/{model}.log",
+        "results/logs/render_material/{material}/{scene}.log",
     benchmark:
-        "results/benchmarks/render_material/{material}/{model}.tsv"
+        "results/benchmarks/render_material/{material}/{scene}.tsv"
     priority: first_material_first
     # Short jobs are mostly imports, which use one core: two at a time. Long ones share the cores.
     threads: 1 if config["render"]["samples"] < 256 else 2
     resources:
-        mem_mb=1500,
+        mem_mb=3000,
         runtime=30,
     params:
         provenance=provenance("brdfatlas.rendering.jobs", libraries=RENDERING),
-        scenes=SCENES,
-        settings={key: config["render"][key] for key in ("samples", "batches", "seed", "variant")},
-        scene_samples={name: ALL_SCENES[name]["samples"] for name in SCENES},
+        pictures=[*REFERENCES, *MODELS],
+        models=MODELS,
+        settings=render_settings,
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:
-        "rendering {wildcards.material} with {wildcards.model}"
+        "rendering {wildcards.material} in {wildcards.scene}"
     script:
         "../scripts/render_material.py"

@@ -16,7 +16,7 @@ from brdfatlas.export.materialx import export_materialx
 from brdfatlas.export.mitsuba import export_mitsuba
 from brdfatlas.export.sampler import export_sampler
 from brdfatlas.fits import Fit
-from brdfatlas.measured import write_merl
+from brdfatlas.formats.merl import write_merl
 from brdfatlas.models import MODELS
 
 #: target -> ending of its files

@@ -3,6 +3,7 @@
 Nothing here imports Mitsuba until it is needed, so that a usable libLLVM can be chosen first.
 """
 
+import threading
 from types import ModuleType
 
 __all__ = ["register", "use_variant"]
@@ -12,8 +13,9 @@ def use_variant(variant: str = "llvm_ad_rgb", threads: int | None = None) -> Mod
     """Choose a usable libLLVM, set Mitsuba's variant, register the plugin; returns the module ``mitsuba``.
 
     ``threads``: how many threads may compute, default all cores. Raises LlvmError where an llvm variant has no
-    usable libLLVM, ValueError for an unknown variant.
+    usable libLLVM, ValueError for a variant that Mitsuba or the plugin does not have.
     """
+    _check(variant)
     if variant.startswith("llvm"):
         from brdfatlas.rendering.llvm import use_libllvm
 
@@ -23,6 +25,11 @@ def use_variant(variant: str = "llvm_ad_rgb", threads: int | None = None) -> Mod
 
     if variant not in mi.variants():
         raise ValueError(f"rendering.variant: Mitsuba has no variant {variant!r}; it has {', '.join(mi.variants())}")
+    if variant.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
+        raise ValueError(
+            f"rendering.variant: {variant} needs an NVIDIA GPU with its driver, and there is none here; "
+            "choose llvm_ad_rgb or scalar_rgb"
+        )
     if mi.variant() != variant:
         mi.set_variant(variant)
     if threads is not None:
@@ -34,7 +41,7 @@ def use_variant(variant: str = "llvm_ad_rgb", threads: int | None = None) -> Mod
 def register() -> None:
     """Make ``{"type": "brdfatlas", ...}`` known to Mitsuba's current variant; call again after a change of variant.
 
-    Raises RuntimeError if no variant is set.
+    Raises RuntimeError if no variant is set, ValueError for one whose colours are not rgb.
     """
     import mitsuba as mi
 
@@ -43,9 +50,20 @@ def register() -> None:
     variant = mi.variant()
     if variant is None:
         raise RuntimeError("no Mitsuba variant is set: call mitsuba.set_variant() or brdfatlas.rendering.use_variant()")
-    if variant not in _registered:
-        mi.register_bsdf("brdfatlas", bsdf_class(variant))
-        _registered.add(variant)
+    _check(variant)
+    with _lock:
+        if variant not in _registered:
+            mi.register_bsdf("brdfatlas", bsdf_class(variant))
+            _registered.add(variant)
+
+
+def _check(variant: str) -> None:
+    """Measured values are rgb: a spectral, monochrome or polarized variant has no use for them."""
+    if not variant.endswith("_rgb"):
+        raise ValueError(
+            f"rendering.variant: {variant}: brdfatlas renders in rgb; choose llvm_ad_rgb, cuda_ad_rgb or scalar_rgb"
+        )
 
 
 _registered: set[str] = set()
+_lock = threading.Lock()

@@ -1,27 +1,32 @@
-"""The Mitsuba plugin ``brdfatlas``: a BRDF on the MERL grid, usable in any Mitsuba scene.
+"""The Mitsuba plugin ``brdfatlas``: a tabulated BRDF, usable in any Mitsuba scene.
 
 ``{"type": "brdfatlas", "filename": "chrome.binary"}`` where the file is a MERL ``.binary`` or a fit (``.npz``). With
 ``"reference": "chrome.binary"`` the mask of measured cells and the sampling density come from that file: a reference
 and its fits then render with the same random paths. Values are trilinear between cell centres, as
-:func:`brdfatlas.measured.look_up`.
+:func:`brdfatlas.measured.look_up`. In Mitsuba wi points to the viewer and wo to the light, so a value here is that of
+``look_up(table, wo, wi)``.
 """
 
 import os
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, above_horizon
-from brdfatlas.measured import Measured, MeasuredError, extend, read_merl
-from brdfatlas.rendering.arrays import upload
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured, MeasuredError, extend, extension_index
+from brdfatlas.rendering.arrays import aligned, upload
 from brdfatlas.rendering.density import LIST_LENGTH, N_ELEVATIONS, Density, sampling_density
 
-_STEP_D, _STEP_H = 4 * N_PHI_D, 4 * N_PHI_D * N_THETA_D
+#: How many tables one kernel takes; a group is filled up with zeros to the next of these sizes.
+GROUP_SIZES = (1, 4, 8, 16, 24, 32)
+_ROWS = 8100
 
 
 def load_table(filename: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
-    """The table (90, 90, 180, 3) of a ``.binary`` or of a fit ``.npz``, and its mask of valid cells.
+    """The table (90, 90, 180 or 360, 3) of a ``.binary`` or of a fit ``.npz``, and its mask of valid cells.
 
     Raises ValueError (MeasuredError) with one line that names the file.
     """
@@ -29,38 +34,73 @@ def load_table(filename: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
 
     if is_fit_file(filename):
         return load_fit(filename).table(), above_horizon()
-    measured = read_merl(filename)
+    measured = read(filename)
     return measured.table, measured.valid
 
 
-class Reflectance:
-    """A table and a density in the form that one Mitsuba variant computes with; all directions are local, n = z."""
+def interleave(tables: Sequence[np.ndarray], valid: np.ndarray) -> tuple[np.ndarray, int, int]:
+    """A group of tables with their values beside each other: cell by cell, rgb of the first, of the second ..., filled
+    up with zeros; also how many numbers a cell has and how many cells phi_d.
 
-    def __init__(self, table: np.ndarray, valid: np.ndarray, density: Density | None = None):
-        """``table`` (90, 90, 180, 3) is extended beyond ``valid``; ``density`` defaults to the table's own."""
+    Every table is extended beyond the mask ``valid``. If one is on the full circle, all are put there. MeasuredError
+    for a table that is not finite where there was a measurement.
+    """
+    n_phi = max(table.shape[2] for table in tables)
+    if valid.shape[2] < n_phi:
+        valid = np.concatenate([valid, valid], 2)
+    index = extension_index(valid).ravel()
+    places = {n_phi: index, N_PHI_D: index // n_phi * N_PHI_D + index % n_phi % N_PHI_D}
+    size = next(size for size in GROUP_SIZES if size >= len(tables))
+    stride = max(4, 3 * size)
+    packed = aligned(valid.size * stride)
+    rows = packed.reshape(-1, stride)
+    for first in range(0, len(rows), _ROWS):  # a part that stays in the cache
+        part = slice(first, first + _ROWS)
+        for number, table in enumerate(tables):
+            source = table.reshape(-1, 3)[places[table.shape[2]][part]]
+            rows[part, 3 * number : 3 * number + 3] = source
+    if not np.isfinite(packed).all():
+        raise MeasuredError("the table holds NaN or Inf in cells that its reference measured")
+    return packed, stride, n_phi
+
+
+class Reflectance:
+    """A group of tables and a density in the form that one Mitsuba variant computes with; directions are local, n = z.
+
+    All tables are looked up at once: angles, weights and the fetch of a corner serve the whole group.
+    """
+
+    def __init__(
+        self, tables: np.ndarray | Sequence[np.ndarray], valid: np.ndarray, density: Density | None = None
+    ) -> None:
+        """``tables``: one (90, 90, 180 or 360, 3), or up to 32 of them, extended beyond ``valid``; ``density`` defaults
+        to that of the first."""
         import drjit as dr
         import mitsuba as mi
 
-        table = extend(table, valid)
-        if not np.isfinite(table).all():
-            raise MeasuredError("the table holds NaN or Inf in cells that its reference measured")
-        self.density = density or sampling_density(table)
-        packed = np.zeros((table.size // 3, 4), np.float32)
-        packed[:, :3] = table.reshape(-1, 3)
+        tables = [tables] if isinstance(tables, np.ndarray) else list(tables)
+        self.count, self.valid = len(tables), valid
+        packed, self._stride, n_phi = interleave(tables, valid)
+        #: With the zeros that fill up the group.
+        self.size = max(1, self._stride // 3)
+        self.density = density or sampling_density(extend(tables[0], valid))
         self._scalar = not dr.is_jit_v(mi.Float)
         if self._scalar:
-            self._table, self._cells = packed, self.density.cells.reshape(-1, 4)
+            self._table, self._cells = packed.reshape(-1, self._stride), self.density.cells.reshape(-1, 4)
             self._runs = self.density.runs.reshape(-1, 2)
             self._weight, self._entries = self.density.cosine_weight, self.density.entries.ravel()
+            self._n_phi = n_phi
         else:
-            self._table, self._cells = upload(mi.Float, packed), upload(mi.Float, self.density.cells)
+            self._table, self._cells = mi.Float(packed), upload(mi.Float, self.density.cells)
             self._runs = upload(mi.Float, self.density.runs)
             self._weight = upload(mi.Float, self.density.cosine_weight)
             self._entries = upload(mi.UInt32, self.density.entries)
+            self._n_phi = mi.UInt32(n_phi)
+            dr.make_opaque(self._n_phi)
 
-    def with_table(self, table: np.ndarray, valid: np.ndarray) -> "Reflectance":
-        """Another table under the same density: a fit beside its reference, whose mask is ``valid``."""
-        return Reflectance(table, valid, self.density)
+    def with_tables(self, tables: np.ndarray | Sequence[np.ndarray]) -> "Reflectance":
+        """Other tables under the same mask and density: fits beside their reference."""
+        return Reflectance(tables, self.valid, self.density)
 
     # One look-up; scalar variants have no gathers, so they index NumPy arrays.
     def _four(self, source: Any, index: Any, active: Any) -> Any:
@@ -88,7 +128,8 @@ class Reflectance:
 
     @staticmethod
     def angles(wi: Any, wo: Any) -> tuple[Any, Any, Any]:
-        """theta_h, theta_d, phi_d as :func:`brdfatlas.angles.half_difference`, without its double precision."""
+        """theta_h, theta_d and phi_d of the full circle, as :func:`brdfatlas.angles.half_difference` of (wo, wi), the
+        light before the viewer, without its double precision."""
         import drjit as dr
 
         total, difference = wi + wo, wi - wo
@@ -100,9 +141,9 @@ class Reflectance:
         inverse = dr.rcp(dr.maximum(rho, 1e-20))
         tilted = rho > 1e-12
         cos_p, sin_p = dr.select(tilted, h.x * inverse, 1.0), dr.select(tilted, h.y * inverse, 0.0)
-        along = h.z * (wi.x * cos_p + wi.y * sin_p) - rho * wi.z
-        phi_d = dr.atan2(wi.y * cos_p - wi.x * sin_p, along)
-        return theta_h, theta_d, dr.select(phi_d < 0, phi_d + np.pi, phi_d)
+        along = h.z * (wo.x * cos_p + wo.y * sin_p) - rho * wo.z
+        phi_d = dr.atan2(wo.y * cos_p - wo.x * sin_p, along)
+        return theta_h, theta_d, dr.select(phi_d < 0, phi_d + 2 * np.pi, phi_d)
 
     def _theta_h_place(self, theta_h: Any) -> Any:
         import drjit as dr
@@ -116,33 +157,56 @@ class Reflectance:
         place = dr.safe_acos(wi.z) * (2 / np.pi * N_ELEVATIONS)
         return mi.UInt32(dr.minimum(place, N_ELEVATIONS - 1.0))
 
-    def _trilinear(self, angles: tuple[Any, Any, Any], active: Any) -> Any:
+    def values(self, angles: tuple[Any, Any, Any], active: Any) -> list[Any]:
+        """The BRDF of every table of the group, 1/sr."""
         import drjit as dr
         import mitsuba as mi
 
         theta_h, theta_d, phi_d = angles
+        n_phi = self._n_phi
+        cells = mi.Float(n_phi)
         x = dr.clip(self._theta_h_place(theta_h) - 0.5, 0.0, N_THETA_H - 1.0)
         y = dr.clip(theta_d * (2 / np.pi * N_THETA_D) - 0.5, 0.0, N_THETA_D - 1.0)
         z = phi_d * (N_PHI_D / np.pi) - 0.5
-        z = dr.select(z < 0, z + N_PHI_D, z)
+        z = dr.select(z < 0, z + cells, dr.select(z >= cells, z - cells, z))
+        # 0 for what is not a number, for an index must be within the table
+        z = dr.select((z >= 0) & (z < cells), z, 0.0)
         i, j = mi.UInt32(dr.minimum(x, N_THETA_H - 2.0)), mi.UInt32(dr.minimum(y, N_THETA_D - 2.0))
-        k = mi.UInt32(dr.minimum(z, N_PHI_D - 1.0))
+        k = mi.UInt32(z)
         u, v, w = x - mi.Float(i), y - mi.Float(j), z - mi.Float(k)
-        k1 = dr.select(k == N_PHI_D - 1, mi.UInt32(0), k + 1)
-        corner = (i * N_THETA_D + j) * N_PHI_D
-        value = mi.Vector4f(0)
-        for step_h, weight_h in ((0, 1 - u), (N_THETA_D * N_PHI_D, u)):
-            for step_d, weight_d in ((0, 1 - v), (N_PHI_D, v)):
-                base, weight = corner + (step_h + step_d), weight_h * weight_d
-                near = self._four(self._table, base + k, active)
-                far = self._four(self._table, base + k1, active)
-                value = dr.fma(dr.fma(w, far - near, near), weight, value)
-        return mi.Color3f(value.x, value.y, value.z)
+        k1 = dr.select(k + 1 == n_phi, mi.UInt32(0), k + 1)
+        total = None
+        for row, weight_h in ((i, 1 - u), (i + 1, u)):
+            for column, weight_d in ((j, 1 - v), (j + 1, v)):
+                base, weight = (row * N_THETA_D + column) * n_phi, weight_h * weight_d
+                for cell, share in ((base + k, weight * (1 - w)), (base + k1, weight * w)):
+                    found = self._cell(cell, active)
+                    total = [dr.fma(f, share, t) for f, t in zip(found, total or [0.0] * len(found))]
+        return [mi.Color3f(*total[3 * n : 3 * n + 3]) for n in range(self.size)]
 
-    def _pdf(self, wi: Any, wo: Any, theta_h: Any, row: Any, weight: Any, active: Any) -> Any:
+    def _cell(self, cell: Any, active: Any) -> list[Any]:
+        """The numbers of one cell, by packets of the width of a vector."""
         import drjit as dr
         import mitsuba as mi
 
+        if self._scalar:
+            return self._table[int(cell)].tolist()
+        if self._stride % 8:
+            packets = self._stride // 4
+            found = [dr.gather(mi.Vector4f, self._table, cell * packets + n, active) for n in range(packets)]
+        else:
+            packets, shape = self._stride // 8, (8, dr.width(cell))
+            found = [
+                dr.gather(mi.ArrayXf, self._table, cell * packets + n, active, shape=shape) for n in range(packets)
+            ]
+        return [number for packet in found for number in packet]
+
+    def pdf_at(self, wi: Any, wo: Any, theta_h: Any, incidence: tuple[Any, Any], active: Any) -> Any:
+        """Density of ``wo`` in 1/sr for directions above the surface, whose theta_h is known."""
+        import drjit as dr
+        import mitsuba as mi
+
+        row, weight = incidence
         cell = mi.UInt32(dr.minimum(self._theta_h_place(theta_h), N_THETA_H - 1.0))
         cell = self._four(self._cells, row * N_THETA_H + cell, active)
         sine = dr.sin(0.5 * theta_h)
@@ -157,18 +221,18 @@ class Reflectance:
         return row, self._one(self._weight, row, active)
 
     def eval_pdf(self, wi: Any, wo: Any, incidence: tuple[Any, Any], active: Any = True) -> tuple[Any, Any]:
-        """BRDF times cos(theta_o), and density of ``wo`` in 1/sr, for directions above the surface."""
+        """BRDF of the first table times cos(theta_o), and density of ``wo`` in 1/sr, above the surface."""
         angles = self.angles(wi, wo)
-        value = self._trilinear(angles, active) * wo.z
-        return value, self._pdf(wi, wo, angles[0], *incidence, active)
+        value = self.values(angles, active)[0] * wo.z
+        return value, self.pdf_at(wi, wo, angles[0], incidence, active)
 
     def eval(self, wi: Any, wo: Any, active: Any = True) -> Any:
-        """BRDF times cos(theta_o) for directions above the surface."""
-        return self._trilinear(self.angles(wi, wo), active) * wo.z
+        """BRDF of the first table times cos(theta_o) for directions above the surface."""
+        return self.values(self.angles(wi, wo), active)[0] * wo.z
 
     def pdf(self, wi: Any, wo: Any, active: Any = True) -> Any:
         """Density of ``wo`` in 1/sr for directions above the surface."""
-        return self._pdf(wi, wo, self.angles(wi, wo)[0], *self.incidence(wi, active), active)
+        return self.pdf_at(wi, wo, self.angles(wi, wo)[0], self.incidence(wi, active), active)
 
     def sample(self, wi: Any, choice: Any, sample: Any, incidence: tuple[Any, Any], active: Any = True) -> Any:
         """``wo`` from three numbers in [0, 1); it may lie below the surface, where it counts for nothing."""
@@ -205,10 +269,11 @@ def bsdf_class(variant: str) -> type:
         """A tabulated isotropic BRDF, one-sided."""
 
         def __init__(self, props: mi.Properties, reflectance: Reflectance | None = None):
-            mi.BSDF.__init__(self, props)
+            # Before the base class, which makes the object known to renders that other threads have begun.
             self.filename = props.get("filename", "")
             self.reference = props.get("reference", "")
             self.reflectance = reflectance or self._read()
+            mi.BSDF.__init__(self, props)
             flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide
             self.m_components = [flags]
             self.m_flags = flags
@@ -268,4 +333,4 @@ def bsdf_of(reflectance: Reflectance) -> Any:
 def reflectance_of(measured: Measured, table: np.ndarray | None = None) -> Reflectance:
     """The :class:`Reflectance` of a reference, or of a fit's ``table`` under the reference's mask and density."""
     reference = Reflectance(measured.table, measured.valid)
-    return reference if table is None else reference.with_table(table, measured.valid)
+    return reference if table is None else reference.with_tables(table)

@@ -40,7 +40,7 @@ class Density:
 
 
 def sampling_density(table: np.ndarray) -> Density:
-    """Tabulate the density for an extended table (90, 90, 180, 3), 1/sr, without NaN."""
+    """Tabulate the density for an extended table (90, 90, 180 or 360, 3), 1/sr, without NaN."""
     luminance = (table @ LUMINANCE.astype(np.float32))[..., None]
     edges = (np.arange(N_THETA_H + 1) / N_THETA_H) ** 2 * (np.pi / 2)
     versine = 2 * np.sin(edges / 2) ** 2
@@ -87,7 +87,8 @@ def _reflected(luminance: np.ndarray, theta_h: np.ndarray) -> tuple[np.ndarray, 
     wo = 2 * cos_d[..., None] * h - wi
     jacobian = np.where((cos_d > 0) & (wo[..., 2] > 0), 4 * cos_d * wo[..., 2], 0.0)
     wi, wo = np.broadcast_arrays(wi, wo)
-    return (look_up(luminance, wi, wo)[..., 0] * jacobian).mean(-1), jacobian.mean(-1)
+    # wi is the viewer, as in Mitsuba
+    return (look_up(luminance, wo, wi)[..., 0] * jacobian).mean(-1), jacobian.mean(-1)
 
 
 def _join(energy: np.ndarray, places: int = 6) -> np.ndarray:

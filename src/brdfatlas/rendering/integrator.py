@@ -1,18 +1,18 @@
-"""Direct illumination of a measured material, one lane a pixel and batch (more where the noise is), the sample loop
-inside the kernel.
+"""Direct illumination of a measured material and of all its fits along the same paths, one lane a pixel and batch (more
+where the noise is), the sample loop inside the kernel.
 
 The estimator is that of Mitsuba's ``direct``: one sample of the environment and one of the BSDF at each hit, weighted
 by the power heuristic (Veach and Guibas 1995). Only pixels that show the material are computed; the rest of the picture
 comes from the prepared scene. Sample points are a Sobol' sequence, scrambled per pixel, batch and dimension
 (Owen 1995; hash of Laine and Karras 2011), so batches are independent, and equal for a reference and all its fits.
-So are the lanes: how many a pixel has comes from the noise of a small render of the reference.
+So are the lanes: how many a pixel has comes from the noise of a small render of the reference. A group of tables is
+rendered in one pass: rays, shadow rays, samples and densities do not depend on the table, only the value does.
 
-Nothing of a scene or a material is a constant of the kernel: there is one kernel for lone spheres and one for scenes
-with several shapes, and Dr.Jit finds them again on disk in later processes.
+Nothing of a scene or a material is a constant of the kernel: for each size of a group there is one kernel for lone
+spheres and one for scenes with several shapes, and Dr.Jit finds them again on disk in later processes.
 """
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,55 +20,12 @@ import numpy as np
 from brdfatlas.constants import LUMINANCE
 from brdfatlas.rendering.arrays import upload
 from brdfatlas.rendering.bsdf import Reflectance
-from brdfatlas.rendering.scenes import PreparedScene, material_shapes, mitsuba_scene
+from brdfatlas.rendering.scenes import DIMENSIONS, PreparedScene, material_shapes, mitsuba_scene, sobol_points
 
-DIMENSIONS = 8
 #: Lanes a pixel on average and at most, and the small render that shares them out.
 MORE_LANES, MOST_LANES = 1.5, 32
-PILOT_BATCHES, PILOT_SEED = 8, 2_000_003
+PILOT_BATCHES = 8
 LIST_BITS = 19
-
-
-#: Primitive polynomials and first direction numbers of dimensions 2 to 8: degree, coefficients, m (Joe and Kuo 2008).
-POLYNOMIALS = (
-    (1, 0, (1,)),
-    (2, 1, (1, 3)),
-    (3, 1, (1, 3, 1)),
-    (3, 2, (1, 1, 1)),
-    (4, 1, (1, 1, 3, 3)),
-    (4, 4, (1, 3, 5, 13)),
-    (5, 2, (1, 1, 5, 5, 17)),
-)
-
-
-def sobol_points(count: int) -> np.ndarray:
-    """First ``count`` points of the Sobol' sequence in Gray code order as 32-bit fractions, (count, 8) uint32.
-
-    Equal to scipy.stats.qmc.Sobol, whose import would take as long as a render of 64 samples.
-    """
-    directions = np.zeros((32, DIMENSIONS), np.uint32)
-    directions[:, 0] = 1 << np.arange(31, -1, -1)
-    for dimension, (degree, coefficients, first) in enumerate(POLYNOMIALS, start=1):
-        numbers = [m << (31 - k) for k, m in enumerate(first)]
-        for k in range(degree, 32):
-            number = numbers[k - degree] ^ (numbers[k - degree] >> degree)
-            for term in range(1, degree):
-                if coefficients >> (degree - 1 - term) & 1:
-                    number ^= numbers[k - term]
-            numbers.append(number)
-        directions[:, dimension] = numbers
-    points = np.zeros((count, DIMENSIONS), np.uint32)
-    for number in range(1, count):
-        points[number] = points[number - 1] ^ directions[(number & -number).bit_length() - 1]
-    return points
-
-
-@cache
-def _reversed_sobol_points(count: int) -> np.ndarray:
-    bits = sobol_points(count)
-    for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF)):
-        bits = ((bits >> shift) & np.uint32(mask)) | ((bits & np.uint32(mask)) << np.uint32(shift))
-    return (bits >> 16) | (bits << np.uint32(16))
 
 
 class Environment:
@@ -240,13 +197,13 @@ def share_lanes(setup: Setup, reference: Reflectance, samples: int, seed: int) -
 
     A highlight smaller than a pixel has more noise than all the rest, and sets the peak of the PSNR. There are
     MORE_LANES lanes a pixel on average, 1 to about MOST_LANES, in proportion to the noise found there or beside it: the
-    least variance for so many samples (Neyman 1934). The small render has a seed of its own, so what it found is
-    independent of the picture.
+    least variance for so many samples (Neyman 1934). ``seed`` must not be that of a picture, which must not depend on
+    what the small render found.
     """
     from scipy.ndimage import maximum_filter
 
     pilot = max(PILOT_BATCHES * 2, samples // 8)
-    parts = render_batches(setup, reference, pilot, PILOT_BATCHES, seed + PILOT_SEED)
+    parts = render_batches(setup, reference, pilot, PILOT_BATCHES, seed)[0]
     spread = parts.max(-1).std(0, ddof=1)
     noise = np.maximum(maximum_filter(spread, 3).ravel()[setup.pixels].astype(float), 1e-30)
     # Always as many in all: Dr.Jit compiles its kernel anew for another number of lanes.
@@ -264,10 +221,12 @@ def share_lanes(setup: Setup, reference: Reflectance, samples: int, seed: int) -
 def render_batches(
     setup: Setup, reflectance: Reflectance, samples: int, batches: int, seed: int, lanes: np.ndarray | None = None
 ) -> np.ndarray:
-    """Independent batch means of the material's part of the picture, (batches, size, size, 3) float32.
+    """Independent batch means of the material's part of the picture for every table of ``reflectance``, (tables,
+    batches, size, size, 3) float32.
 
-    ``samples``: a lane, all batches together, rounded up to a multiple of ``batches``. ``lanes``: how many lanes each
-    of ``setup.pixels`` has, by default 1; the same for a reference and its fits (:func:`share_lanes`).
+    ``samples``: a lane, all batches together, rounded up to a multiple of ``batches``. ``seed``: 32 bits. ``lanes``:
+    how many lanes each of ``setup.pixels`` has, by default 1; the same for a reference and its fits
+    (:func:`share_lanes`).
     """
     import drjit as dr
     import mitsuba as mi
@@ -276,7 +235,7 @@ def render_batches(
     size = setup.scene.size
     lanes = np.ones(len(setup.pixels), np.int64) if lanes is None else lanes
     n, first = int(lanes.sum()), np.cumsum(lanes) - lanes
-    points = upload(mi.UInt32, _reversed_sobol_points(each))
+    points = upload(mi.UInt32, _reversed(sobol_points(each, setup.scene.points)))
     pixel = upload(mi.UInt32, np.tile(np.repeat(setup.pixels, lanes), batches))
     number = upload(mi.UInt32, np.tile(np.arange(n) - np.repeat(first, lanes), batches))
     batch = upload(mi.UInt32, np.repeat(np.arange(batches), n))
@@ -291,34 +250,47 @@ def render_batches(
         keys.append(mi.sample_tea_32(key + dimension, other)[0])
 
     # Scramble seeds stay outside the loop; inside there is one addition and four multiplications a dimension.
-    total = _loop(setup, reflectance, points, keys, corner, count, mi.Float(width))
-    values = np.array(total / mi.Float(count)).T.reshape(batches, n, 3)
-    values = np.add.reduceat(values, first, axis=1) / lanes[:, None].astype(np.float32)
-    result = np.zeros((batches, size * size, 3), np.float32)
-    result[:, setup.pixels] = values
-    return result.reshape(batches, size, size, 3)
+    totals = _loop(setup, reflectance, points, keys, corner, count, mi.Float(width))
+    result = np.zeros((len(totals), batches, size * size, 3), np.float32)
+    for picture, total in zip(result, totals):
+        values = np.array(total / mi.Float(count)).T.reshape(batches, n, 3)
+        picture[:, setup.pixels] = np.add.reduceat(values, first, axis=1) / lanes[:, None].astype(np.float32)
+    return result.reshape(len(totals), batches, size, size, 3)
 
 
-def _loop(setup: Setup, reflectance: Reflectance, points: Any, keys: list, corner: Any, count: Any, width: Any) -> Any:
+def _reversed(bits: np.ndarray) -> np.ndarray:
+    """32-bit numbers with their bits in the opposite order."""
+    for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF)):
+        bits = ((bits >> shift) & np.uint32(mask)) | ((bits & np.uint32(mask)) << np.uint32(shift))
+    return (bits >> 16) | (bits << np.uint32(16))
+
+
+def _loop(
+    setup: Setup, reflectance: Reflectance, points: Any, keys: list, corner: Any, count: Any, width: Any
+) -> list[Any]:
+    """Sums over a lane's samples, a colour for each table."""
     import drjit as dr
     import mitsuba as mi
 
-    def body(index: Any, total: Any) -> tuple[Any, Any]:
+    def body(index: Any, totals: list[Any]) -> tuple[Any, list[Any]]:
         low = dr.gather(mi.Vector4u, points, 2 * index)
         high = dr.gather(mi.Vector4u, points, 2 * index + 1)
         bits = [_scramble(x, key) for x, key in zip([*low, *high], keys)]
         at = (corner + mi.Point2f(fraction(bits[0]), fraction(bits[1]))) / width
-        return index + 1, total + _sample(setup, reflectance, at, bits[2:])
+        return index + 1, [a + b for a, b in zip(totals, _sample(setup, reflectance, at, bits[2:]))]
 
-    start = (dr.zeros(mi.UInt32, dr.width(corner)), dr.zeros(mi.Color3f, dr.width(corner)))
-    _, total = dr.while_loop(
-        start, lambda index, _: index < count, body, labels=("index", "total"), mode="symbolic", label="samples"
+    lanes = dr.width(corner)
+    start = dr.zeros(mi.UInt32, lanes), [dr.zeros(mi.Color3f, lanes) for _ in range(reflectance.size)]
+    _, totals = dr.while_loop(
+        start, lambda index, _: index < count, body, labels=("index", "totals"), mode="symbolic", label="samples"
     )
-    return total
+    dr.eval(totals)
+    return totals[: reflectance.count]
 
 
-def _sample(setup: Setup, reflectance: Reflectance, at: Any, bits: list) -> Any:
-    """Radiance along one camera ray that finds the material, 0 for one that does not."""
+def _camera_hit(setup: Setup, at: Any) -> tuple[Any, Any, Any, Any]:
+    """Where the camera ray through the film at ``at`` finds the material: shading frame, direction back along the ray
+    in the world, whether it does, and Mitsuba's interaction where shadow rays are needed."""
     import drjit as dr
     import mitsuba as mi
 
@@ -329,17 +301,21 @@ def _sample(setup: Setup, reflectance: Reflectance, at: Any, bits: list) -> Any:
         middle = dr.dot(centre - origin, ray_d)
         past = (centre - origin) - middle * ray_d
         half = dr.fma(radius, radius, -dr.squared_norm(past))
-        active = (half > 0) & (middle > 0)
         normal = (ray_d * -dr.sqrt(dr.maximum(half, 0)) - past) / radius
-        frame, si = mi.Frame3f(normal), None
-    else:
-        si = setup.loaded.ray_intersect(mi.Ray3f(mi.Point3f(origin), ray_d))
-        hit = dr.full(mi.Bool, False)
-        for shape in setup.shapes:
-            hit |= si.shape == shape
-        active = si.is_valid() & hit
-        frame = si.sh_frame
-    wi = frame.to_local(-ray_d)
+        return mi.Frame3f(normal), -ray_d, (half > 0) & (middle > 0), None
+    si = setup.loaded.ray_intersect(mi.Ray3f(mi.Point3f(origin), ray_d))
+    hit = dr.full(mi.Bool, False)
+    for shape in setup.shapes:
+        hit |= si.shape == shape
+    return si.sh_frame, -ray_d, si.is_valid() & hit, si
+
+
+def _sample(setup: Setup, reflectance: Reflectance, at: Any, bits: list) -> list[Any]:
+    """Radiance along one camera ray that finds the material, 0 for one that does not, for each table."""
+    import mitsuba as mi
+
+    frame, back, active, si = _camera_hit(setup, at)
+    wi = frame.to_local(back)
     active &= wi.z > 0
     incidence = reflectance.incidence(wi, active)
 
@@ -348,17 +324,29 @@ def _sample(setup: Setup, reflectance: Reflectance, at: Any, bits: list) -> Any:
     use = active & (wo.z > 0) & (pdf > 0)
     if si is not None:
         use &= ~setup.loaded.ray_test(si.spawn_ray(world), use)
-    value, other = reflectance.eval_pdf(wi, wo, incidence, use)
-    # Power heuristic: p_a^2 / (p_a^2 + p_b^2) / p_a
-    weight = dr.select(use, pdf / dr.maximum(pdf * pdf + other * other, 1e-30), 0)
-    total = dr.select(use, value * radiance * weight, mi.Color3f(0))
+    angles = reflectance.angles(wi, wo)
+    other = reflectance.pdf_at(wi, wo, angles[0], incidence, use)
+    lit = _weighted(reflectance, angles, radiance, pdf, other, wo.z, use)
 
     wo = reflectance.sample(wi, fraction(bits[2]), mi.Point2f(fraction(bits[3]), fraction(bits[4])), incidence, active)
     use = active & (wo.z > 0)
     world = frame.to_world(wo)
     if si is not None:
         use &= ~setup.loaded.ray_test(si.spawn_ray(world), use)
-    value, pdf = reflectance.eval_pdf(wi, wo, incidence, use)
+    angles = reflectance.angles(wi, wo)
+    pdf = reflectance.pdf_at(wi, wo, angles[0], incidence, use)
     radiance, other = setup.environment.eval_pdf(world, use)
-    weight = dr.select(use, pdf / dr.maximum(pdf * pdf + other * other, 1e-30), 0)
-    return total + dr.select(use, value * radiance * weight, mi.Color3f(0))
+    found = _weighted(reflectance, angles, radiance, pdf, other, wo.z, use)
+    return [a + b for a, b in zip(lit, found)]
+
+
+def _weighted(
+    reflectance: Reflectance, angles: tuple, radiance: Any, pdf: Any, other: Any, cosine: Any, use: Any
+) -> list[Any]:
+    """What a sample of density ``pdf`` contributes beside a technique of density ``other``, for each table."""
+    import drjit as dr
+    import mitsuba as mi
+
+    # Power heuristic: p_a^2 / (p_a^2 + p_b^2) / p_a
+    weight = radiance * (cosine * pdf / dr.maximum(pdf * pdf + other * other, 1e-30))
+    return [dr.select(use, value * weight, mi.Color3f(0)) for value in reflectance.values(angles, use)]

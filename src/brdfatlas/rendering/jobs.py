@@ -1,10 +1,12 @@
-"""Renders of one material in several scenes: what the workflow, the command line and Python call."""
+"""Renders of one material and all its fits: what the workflow, the command line and Python call."""
 
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,8 @@ import numpy as np
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import Fit, is_fit_file, load_fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured
 from brdfatlas.rendering import use_variant
 from brdfatlas.rendering.images import ImageError, Render, load_render, read_meta, save_render
 from brdfatlas.rendering.scenes import (
@@ -29,6 +32,76 @@ from brdfatlas.rendering.scenes import (
 )
 
 
+def picture_seed(seed: int, material: str, scene: str, purpose: str = "picture") -> int:
+    """The 32-bit seed of a render: ``seed`` of the configuration hashed with the material and the scene, so that
+    materials and scenes have independent noise; ``purpose`` tells the renders of one material in one scene apart
+    ("picture", REFERENCE_AGAIN, "pilot")."""
+    text = json.dumps([seed, material, scene, purpose])
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
+
+
+def render_models(
+    scene: PreparedScene,
+    measured: Measured,
+    tables: Mapping[str, np.ndarray | None],
+    *,
+    samples: int = 64,
+    batches: int = 8,
+    seed: int = 1,
+) -> dict[str, Render]:
+    """Render a reference and its fits in one scene along the same paths: name -> picture.
+
+    ``tables``: name -> table of a fit (90, 90, 180 or 360, 3), or None for the reference itself, whose mask and
+    sampling density all share. What is called REFERENCE_AGAIN has other random numbers than the rest. ``samples`` a
+    pixel, all batches together, rounded up to a multiple of ``batches``. The variant must be set
+    (:func:`brdfatlas.rendering.use_variant`). Raises SceneError for impossible settings, MeasuredError for a table that
+    is not finite where the reference was measured.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    from brdfatlas.rendering.bsdf import reflectance_of
+
+    check_settings(scene.size, samples, batches)
+    reference = reflectance_of(measured)
+    passes = _stock_pass
+    if dr.is_jit_v(mi.Float):
+        from brdfatlas.rendering.integrator import set_up, share_lanes
+
+        setup = set_up(scene)
+        pilot = picture_seed(seed, measured.name, scene.name, "pilot")
+        passes = partial(_shared_pass, setup, share_lanes(setup, reference, samples, pilot))
+    found: dict[str, Render] = {}
+    again = [name for name in tables if name == REFERENCE_AGAIN]
+    for purpose, names in (("picture", [name for name in tables if name not in again]), (REFERENCE_AGAIN, again)):
+        stream = picture_seed(seed, measured.name, scene.name, purpose)
+        chosen = [measured.table if tables[name] is None else tables[name] for name in names]
+        pictures = passes(scene, reference, chosen, samples, batches, stream)
+        found |= {name: _with_labels(scene, parts, samples, stream) for name, parts in zip(names, pictures)}
+    return {name: found[name] for name in tables}
+
+
+def _shared_pass(
+    setup: Any, lanes: np.ndarray, scene: PreparedScene, reference: Any, tables: Sequence[np.ndarray], *settings: int
+) -> Iterator[np.ndarray]:
+    """Batches of every table, a group of tables at a time."""
+    from brdfatlas.rendering.bsdf import GROUP_SIZES
+    from brdfatlas.rendering.integrator import render_batches
+
+    for first in range(0, len(tables), GROUP_SIZES[-1]):
+        group = reference.with_tables(tables[first : first + GROUP_SIZES[-1]])
+        for parts in render_batches(setup, group, *settings, lanes):
+            yield parts + scene.background
+
+
+def _stock_pass(
+    scene: PreparedScene, reference: Any, tables: Sequence[np.ndarray], *settings: int
+) -> Iterator[np.ndarray]:
+    """As :func:`_shared_pass` by stock Mitsuba, one table after another, for scalar variants."""
+    for table in tables:
+        yield stock_batches(scene, reference.with_tables(table), *settings)
+
+
 def render_scene(
     scene: PreparedScene,
     measured: Measured,
@@ -38,37 +111,9 @@ def render_scene(
     batches: int = 8,
     seed: int = 1,
 ) -> Render:
-    """Render a reference, or a fit's ``table`` with the reference's mask and sampling density, in one scene.
-
-    The variant must be set (:func:`brdfatlas.rendering.use_variant`). ``samples`` a pixel, all batches together,
-    rounded up to a multiple of ``batches``. Raises SceneError for impossible settings.
-    """
-    return _render(scene, _reflectances(measured, table), samples, batches, seed)
-
-
-def _reflectances(measured: Measured, table: np.ndarray | None) -> tuple[Any, Any]:
-    """The reference, and what is rendered: a fit with the reference's density, or the reference itself."""
-    from brdfatlas.rendering.bsdf import reflectance_of
-
-    reference = reflectance_of(measured)
-    return reference, reference if table is None else reference.with_table(table, measured.valid)
-
-
-def _render(scene: PreparedScene, reflectances: tuple[Any, Any], samples: int, batches: int, seed: int) -> Render:
-    import drjit as dr
-    import mitsuba as mi
-
-    check_settings(scene.size, samples, batches)
-    reference, reflectance = reflectances
-    if dr.is_jit_v(mi.Float):
-        from brdfatlas.rendering.integrator import render_batches, set_up, share_lanes
-
-        setup = set_up(scene)
-        lanes = share_lanes(setup, reference, samples, seed)
-        parts = render_batches(setup, reflectance, samples, batches, seed, lanes) + scene.background
-    else:
-        parts = stock_batches(scene, reflectance, samples, batches, seed)
-    return _with_labels(scene, parts, samples, seed)
+    """Render a reference, or a fit's ``table`` with the reference's mask and sampling density, in one scene: one
+    picture of :func:`render_models`."""
+    return render_models(scene, measured, {"": table}, samples=samples, batches=batches, seed=seed)[""]
 
 
 def _with_labels(scene: PreparedScene, parts: np.ndarray, samples: int, seed: int) -> Render:
@@ -132,7 +177,7 @@ def render_file(
         raise SceneError(f"{source}: no scene {scene!r}; it has {', '.join(definitions)}")
     check_settings(size, samples, batches)
     if isinstance(item, str | os.PathLike):
-        item = load_fit(item) if is_fit_file(item) else read_merl(item)
+        item = load_fit(item) if is_fit_file(item) else read(item)
     material = item.material if isinstance(item, Fit) else item.name
     model = item.entry if isinstance(item, Fit) else REFERENCE
     if isinstance(item, Fit):
@@ -176,11 +221,9 @@ def prepare_scene_job(
 
 def render_job(
     material: str,
-    model: str,
     binary: str,
-    fit: str | None,
-    report: str | None,
-    scenes: Mapping[str, str],
+    scene: str,
+    fits: Mapping[str, tuple[str, str]],
     outputs: Mapping[str, str],
     settings: Mapping[str, Any],
     *,
@@ -188,40 +231,60 @@ def render_job(
     standin: bool = False,
     threads: int = 1,
 ) -> None:
-    """Render one material with one model in every scene: one EXR each.
+    """Render one material in one scene: an EXR for each of ``outputs``, name -> path.
 
-    ``model``: a model's name with its ``fit`` and ``report``, or "reference", or "reference_again", the same with other
-    random numbers. ``scenes``: name -> prepared scene. ``settings``: samples, batches, seed, variant of the
-    configuration, and optionally ``scene_samples``, name -> samples or None. ``provenance``: what the renderer is made
-    of (:func:`brdfatlas.pipeline.provenance.provenance`). An output whose fingerprint is still right is kept. A failed
-    fit gives black pictures with ``meta["status"] = "failed"``.
+    A name is that of one of ``fits``, name -> (fit, report), or REFERENCE, or REFERENCE_AGAIN, the reference with other
+    random numbers. ``scene``: path of the prepared scene. ``settings``: samples, batches, seed and variant.
+    ``provenance``: what the renderer is made of (:func:`brdfatlas.pipeline.provenance.provenance`). An output whose
+    fingerprint is still right is kept; the others are rendered together. A failed fit gives a black picture with
+    ``meta["status"] = "failed"``.
     """
-    measured = read_merl(binary, standin=standin)
-    failed = report is not None and read_json(report)["status"] != "ok"
-    table = None if fit is None or failed else load_fit(fit).table()
-    seed = settings["seed"] + (model == REFERENCE_AGAIN) * 1_000_003
-    labels = {"material": material, "model": model, "standin": str(measured.standin).lower()}
-    content = _digest(measured.table if table is None else table, measured.table)
-    reflectances = None
-    for name, path in scenes.items():
-        scene = load_scene(path)
-        samples = (settings.get("scene_samples") or {}).get(name) or settings["samples"]
-        chosen = [samples, settings["batches"], seed, settings["variant"], failed, provenance]
-        fingerprint = hashlib.sha256(json.dumps([scene.digest(), content, chosen]).encode()).hexdigest()
-        tone = {key: repr(float(scene.definition[key])) for key in ("exposure", "gamma")}
-        labels |= {"fingerprint": fingerprint, "title": scene.definition["title"], **tone}
-        if _keep(outputs[name], labels):
-            print(f"{outputs[name]}: kept")
-            continue
-        if failed:
-            black = np.zeros((settings["batches"], scene.size, scene.size, 3), np.float32)
-            render = Render(black[0], black, scene.mask, {"status": "failed", "scene": name})
+    measured, prepared = replace(read(binary, standin=standin), name=material), load_scene(scene)
+    names = [name for name in outputs if name in fits]
+    with ThreadPoolExecutor(threads) as pool:
+        tables = dict(zip(names, pool.map(_table_of, *zip(*(fits[name] for name in names))))) if names else {}
+    chosen = [settings[key] for key in ("samples", "batches", "seed", "variant")] + [provenance]
+    labels = {name: _labels(name, measured, tables.get(name), name in names, prepared, chosen) for name in outputs}
+    needed = {}
+    for name, path in outputs.items():
+        if _keep(path, labels[name]):
+            print(f"{path}: kept")
+        elif name in names and tables[name] is None:
+            black = np.zeros((settings["batches"], prepared.size, prepared.size, 3), np.float32)
+            failed = Render(black[0], black, prepared.mask, {"status": "failed", "scene": prepared.name})
+            _save(path, failed, labels[name])
         else:
-            use_variant(settings["variant"], threads)
-            reflectances = reflectances or _reflectances(measured, table)
-            render = _render(scene, reflectances, samples, settings["batches"], seed)
-        save_render(outputs[name], replace(render, meta=dict(render.meta) | labels))
-        print(f"{outputs[name]}: rendered")
+            needed[name] = tables.get(name)
+    if not needed:
+        return
+    use_variant(settings["variant"], threads)
+    counts = {key: settings[key] for key in ("samples", "batches", "seed")}
+    for name, render in render_models(prepared, measured, needed, **counts).items():
+        _save(outputs[name], render, labels[name])
+
+
+def _table_of(fit: str, report: str) -> np.ndarray | None:
+    """The table of a fit, None if it failed."""
+    return load_fit(fit).table() if read_json(report)["status"] == "ok" else None
+
+
+def _labels(
+    name: str, measured: Measured, table: np.ndarray | None, fitted: bool, scene: PreparedScene, chosen: Sequence
+) -> dict[str, str]:
+    """What the EXR of a picture says beside its pixels; ``fingerprint`` covers all that they depend on, ``chosen`` with
+    it."""
+    failed = fitted and table is None
+    content = _digest(measured.table if table is None else table, measured.table)
+    told = [scene.digest(), content, measured.name, scene.name, name == REFERENCE_AGAIN, failed, *chosen]
+    fingerprint = hashlib.sha256(json.dumps(told).encode()).hexdigest()
+    labels = {"material": measured.name, "model": name, "standin": str(measured.standin).lower()}
+    labels |= {"fingerprint": fingerprint, "title": scene.definition["title"]}
+    return labels | {key: repr(float(scene.definition[key])) for key in ("exposure", "gamma")}
+
+
+def _save(path: str, render: Render, labels: Mapping[str, str]) -> None:
+    save_render(path, replace(render, meta=dict(render.meta) | labels))
+    print(f"{path}: rendered")
 
 
 def _keep(path: str, labels: Mapping[str, str]) -> bool:

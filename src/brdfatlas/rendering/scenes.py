@@ -22,7 +22,8 @@ from brdfatlas.settings import check, check_name, complete, read_yaml
 HERE = Path(__file__).parent
 #: Keys of a shape that say something about it, beside shape, surface and position.
 _KEYS = {"sphere": {"size"}, "floor": {"size", "turn"}, "statue": {"size", "turn"}, "mesh": {"size", "turn", "file"}}
-_DEFAULTS = {"surface": "material", "position": [0, 0, 0], "size": 1, "turn": 0, "file": ""}
+#: Sobol' points in a prepared scene, enough for 8192 samples in 8 batches, and their dimensions.
+N_POINTS, DIMENSIONS = 1024, 8
 
 
 class SceneError(ValueError):
@@ -100,7 +101,8 @@ class PreparedScene:
 
     ``background``: (size, size, 3) float32, the radiance that arrives past the material, means over all camera rays of
     a pixel. ``coverage``: (size, size) float32, the share of camera rays that find the material. ``environment``:
-    (h, w, 3) float32. ``meshes``: those of the definition that are not spheres or floors, in order.
+    (h, w, 3) float32. ``meshes``: those of the definition that are not spheres or floors, in order. ``points``:
+    (N_POINTS, DIMENSIONS) uint32, :func:`sobol_points`, for SciPy's import takes as long as a small render.
     """
 
     name: str
@@ -110,6 +112,7 @@ class PreparedScene:
     meshes: tuple[Mesh, ...]
     background: np.ndarray
     coverage: np.ndarray
+    points: np.ndarray
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -126,6 +129,7 @@ class PreparedScene:
     def save(self, path: str | Path) -> None:
         """Write as npz, whole or not at all."""
         arrays = {"environment": self.environment, "background": self.background, "coverage": self.coverage}
+        arrays |= {"points": self.points}
         for number, mesh in enumerate(self.meshes):
             arrays |= {f"mesh{number}/{key}": getattr(mesh, key) for key in ("vertices", "faces", "normals")}
         surfaces = [mesh.surface for mesh in self.meshes]
@@ -141,6 +145,17 @@ class PreparedScene:
         return seen.hexdigest()
 
 
+def sobol_points(count: int, known: np.ndarray | None = None) -> np.ndarray:
+    """First ``count`` points of the Sobol' sequence in Gray code order as 32-bit fractions, (count, DIMENSIONS) uint32;
+    from ``known`` where it has enough of them."""
+    if known is not None and count <= len(known):
+        return known[:count]
+    from scipy.stats import qmc
+
+    points = qmc.Sobol(DIMENSIONS, scramble=False, bits=32).random_base2(max(count - 1, 0).bit_length())[:count]
+    return (points * 2.0**32).astype(np.uint64).astype(np.uint32)
+
+
 def load_scene(path: str | Path) -> PreparedScene:
     """Read what :meth:`PreparedScene.save` wrote."""
     store = read_npz(path)
@@ -150,7 +165,7 @@ def load_scene(path: str | Path) -> PreparedScene:
         for number, surface in enumerate(labels["surfaces"])
     ]
     size = len(store["coverage"])
-    arrays = [store[key] for key in ("background", "coverage")]
+    arrays = [store[key] for key in ("background", "coverage", "points")]
     notes = tuple(labels["notes"])
     return PreparedScene(
         labels["name"], labels["definition"], size, store["environment"], tuple(meshes), *arrays, notes
@@ -268,17 +283,16 @@ def prepare_scene(
     where = f"{source}: {name}"
     meshes, notes = load_meshes(scene, where)
     environment = _environment(scene, where)
-    empty = np.zeros((size, size), np.float32)
-    bare = PreparedScene(name, scene, size, environment, meshes, np.zeros((size, size, 3), np.float32), empty, notes)
-    black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
-    black = mi.load_dict(black)
-    definition = mitsuba_scene(bare, black)
-    loaded = mi.load_dict(definition)
+    black, empty = np.zeros((size, size, 3), np.float32), np.zeros((size, size), np.float32)
+    points = sobol_points(N_POINTS)
+    bare = PreparedScene(name, scene, size, environment, meshes, black, empty, points, notes)
+    diffuse = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}})
+    loaded = mi.load_dict(mitsuba_scene(bare, diffuse))
     background = np.array(mi.render(loaded, spp=samples, seed=0), np.float32)
     coverage = _coverage(loaded, scene, size)
     if coverage.max() < 0.9999:
         raise SceneError(f"{where}: no pixel shows the material; move the camera or the shapes")
-    return PreparedScene(name, scene, size, environment, meshes, background, coverage, notes)
+    return PreparedScene(name, scene, size, environment, meshes, background, coverage, points, notes)
 
 
 def material_shapes(loaded: Any, scene: Mapping[str, Any]) -> list[Any]:

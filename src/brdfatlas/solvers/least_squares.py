@@ -315,8 +315,14 @@ def fit_separable(
 
 
 def latin_starts(count: int, lower: np.ndarray, upper: np.ndarray, seed: int = 0) -> np.ndarray:
-    """``count`` starts spread evenly over the box (Latin hypercube, deterministic for a seed); (count, n)."""
-    from scipy.stats import qmc
+    """``count`` starts spread evenly over the box (Latin hypercube, deterministic for a seed); (count, n).
 
+    The numbers are those of scipy.stats.qmc.LatinHypercube, whose import takes longer than many a fit.
+    """
     lower, upper = np.asarray(lower, float), np.asarray(upper, float)
-    return lower + qmc.LatinHypercube(lower.size, rng=np.random.default_rng(seed)).random(count) * (upper - lower)
+    rng = np.random.default_rng(seed).spawn(1)[0]
+    within = rng.uniform(size=(count, lower.size))
+    strata = np.tile(np.arange(1, count + 1), (lower.size, 1))
+    for row in strata:
+        rng.shuffle(row)
+    return lower + (strata.T - within) / count * (upper - lower)

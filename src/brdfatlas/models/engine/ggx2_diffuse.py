@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import theta_d_centres
+from brdfatlas.compiled import njit
 from brdfatlas.microfacet import schlick
 from brdfatlas.models.base import Parameter
 from brdfatlas.models.engine.base import (

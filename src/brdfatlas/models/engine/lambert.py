@@ -1,8 +1,8 @@
 """Lambert's law: the floor of every table."""
 
 import numpy as np
-from numba import njit
 
+from brdfatlas.compiled import njit
 from brdfatlas.models.base import Function, Paper, Parameter
 from brdfatlas.models.engine.base import EngineModel, shortest
 from brdfatlas.sampling import Diffuse, Mixture

@@ -16,9 +16,9 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import theta_d_centres
+from brdfatlas.compiled import njit
 from brdfatlas.models.base import Option, Paper, Parameter
 from brdfatlas.models.engine.base import (
     EngineModel,

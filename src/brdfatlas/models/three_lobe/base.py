@@ -18,10 +18,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, half_difference
-from brdfatlas.constants import E2_ANGLE, OBJECTIVE_NAMES
+from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result, objective_option
-from brdfatlas.objectives import compressive_weights, least_squares_weights
+from brdfatlas.objectives import compressive_weights, e2_weights, least_squares_weights
 from brdfatlas.sampling import Lobe, Mixture, mixture
 from brdfatlas.solvers.least_squares import (
     Moments,
@@ -272,9 +272,8 @@ class _LogProblem:
 
     def __init__(self, model: LobeModel, table: np.ndarray) -> None:
         self.model = model
-        theta_h, theta_d, _ = grid_axes()
-        keep = (theta_h <= E2_ANGLE) & (theta_d <= E2_ANGLE) & ~np.isnan(table[..., 0])
-        self.cells = LogCells(table, keep, grid_cosines()[0], grid_factors(type(model)))
+        weights = e2_weights(~np.isnan(table[..., 0]))
+        self.cells = LogCells(table, weights, grid_cosines()[0], grid_factors(type(model)))
 
     def value(self, x: np.ndarray) -> float:
         return self.cells.value(lobe_columns(self.model, x[:-6], False)[0], x[-6:].reshape(3, 2))
