@@ -8,7 +8,6 @@ rule write_standings:
     input:
         tables=expand("results/tables/{table}.tsv", table=STANDINGS_TABLES),
         summary="reports/assets/summary.svg",
-        models=ancient(expand("reports/models/{model}.html", model=MODELS)),
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         statistics="config/published/fitting_statistics.csv",
@@ -34,6 +33,10 @@ rule write_standings:
         "../scripts/write_standings.py"
 
 
+localrules:
+    record_reports,
+
+
 # What a run made in reports/, by name and content. What an earlier run made there of a material or model that is no
 # longer in the run goes, unless somebody changed it; files of the user's are not in the list.
 rule record_reports:
@@ -50,14 +53,8 @@ rule record_reports:
         mem_mb=300,
         runtime=5,
     params:
-        files=RUN_FILES,
         provenance=provenance("brdfatlas.pipeline.leftovers"),
-        listings={
-            f"results/{kind}/{material}.json": f"reports/materials/{material}"
-            for kind in ("pictures", "figures")
-            for material in MATERIALS
-        }
-        | {f"results/fit_files/{material}.json": f"reports/materials/{material}/fits" for material in MATERIALS},
+        listings=LISTINGS,
     message:
         "recording what is in reports"
     script:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, above_horizon
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, MeasuredError, extend, extension_index
 from brdfatlas.rendering.arrays import aligned, upload
 from brdfatlas.rendering.density import LIST_LENGTH, N_ELEVATIONS, Density, sampling_density

@@ -15,7 +15,7 @@ import numpy as np
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import Fit, is_fit_file, load_fit
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
 from brdfatlas.rendering import use_variant
 from brdfatlas.rendering.images import ImageError, Render, load_render, read_meta, save_render

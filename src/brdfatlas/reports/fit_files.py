@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from brdfatlas.export.facts import ExportError, with_report
-from brdfatlas.export.targets import STANDARD, export
 from brdfatlas.export.targets import ENDINGS as TARGET_ENDINGS
+from brdfatlas.export.targets import STANDARD, export
 from brdfatlas.files import atomic_path, digests, write_json
 from brdfatlas.fits import load_fit
 

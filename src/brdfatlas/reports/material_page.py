@@ -222,9 +222,10 @@ def make_entry(material: Material, name: str, facts: ModelFacts | None, scenes: 
     reason = ""
     if fit is not None and fit.get("status") != "ok":
         reason = f"fit failed: {' '.join(str(fit.get('reason') or 'no reason given').split())}"
-    bad = [scene.label for scene in scenes if scene.name in by_scene and by_scene[scene.name]["status"] != "ok"]
+    bad = [scene for scene in scenes if scene.name in by_scene and by_scene[scene.name]["status"] != "ok"]
     if not reason and bad:
-        reason = f"render failed: {', '.join(bad)}"
+        told = [f"{scene.label} ({by_scene[scene.name].get('reason') or 'no reason given'})" for scene in bad]
+        reason = f"cannot be judged: {', '.join(told)}"
     title = facts.title if facts else "reference, other seed"
     return Entry(name, title, facts, fit, by_scene, brdf[0] if brdf else None, reason)
 
