@@ -1,4 +1,5 @@
-"""Scenes in the workflow: a new one, or a new model in one, renders only itself; a missing file stops the run before any work."""
+"""Scenes in the workflow: a new one, or a new model in one, renders only itself; a missing file stops the run before
+any work."""
 
 import numpy as np
 import yaml
