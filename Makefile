@@ -10,7 +10,10 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 .PHONY: report test test-slurm bench lint format lock audit clean
 
 report: $(READY)  ## set up once, then run the pipeline on the built-in default
-	@$(BIN)/snakemake --cores $(CORES)
+	@$(BIN)/python -m snakemake --cores $(CORES) || { \
+		[ -z "$$(ls .snakemake/locks 2>/dev/null)" ] || \
+		echo "a lock is there: if no other run is at work here, $(BIN)/python -m snakemake --unlock, then again" >&2; \
+		exit 1; }
 	@echo "report: $(CURDIR)/reports/index.html"
 
 test: $(READY)  ## set up once, then run every test
@@ -26,7 +29,7 @@ bench: $(READY)  ## speed as ratios in one run; FILES=folder of .binary files, e
 
 lint: $(READY)
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check $(SMK)
-	@$(BIN)/snakemake --lint
+	@$(BIN)/python -m snakemake --lint
 
 format: $(READY)
 	@$(BIN)/ruff check --fix-only . ; $(BIN)/ruff format . ; $(BIN)/snakefmt $(SMK)

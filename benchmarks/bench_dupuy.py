@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas import microfacet
+from brdfatlas import microfacet, read_merl
 from brdfatlas.angles import above_horizon, grid_axes, grid_cosines
 from brdfatlas.fits import fit
-from brdfatlas.measured import read_merl, write_merl
+from brdfatlas.formats.merl import write_merl
 from brdfatlas.models.dupuy2015 import power_iteration
 
 MODELS = ("tabulated", "gaussian", "ggx")

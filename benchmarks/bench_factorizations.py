@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from brdfatlas import read_merl
 from brdfatlas.fits import fit
-from brdfatlas.measured import extend, read_merl
+from brdfatlas.measured import extend
 from brdfatlas.models.factorised.lawrence import outgoing_samples
 from brdfatlas.models.factorised.tucker import RESOLUTION, log_tensor
 from brdfatlas.objectives import log_deviation

@@ -19,8 +19,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from brdfatlas import read_merl
 from brdfatlas.fits import fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.measured import Measured
 from brdfatlas.models.bagher2016.awls import CLAMP, Channel, Geometry
 from brdfatlas.models.bagher2016.factors import slices
 from brdfatlas.models.bagher2016.microfacet_factors import FactorProblem

@@ -19,9 +19,10 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
+from brdfatlas import read_merl
 from brdfatlas.angles import grid_axes, grid_cosines
 from brdfatlas.fits import Fit, fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS, sgd
 from brdfatlas.objectives import least_squares_weights
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas.measured import read_merl
+from brdfatlas import read_merl
 from brdfatlas.rendering import use_variant
 from brdfatlas.rendering.jobs import stock_batches
 from brdfatlas.rendering.scenes import prepare_scene, read_scenes

@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import norm
 
+from brdfatlas import read_merl
 from brdfatlas.constants import REFERENCE
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.measured import Measured
 from brdfatlas.rendering import use_variant
 from brdfatlas.rendering.images import Render
 from brdfatlas.rendering.jobs import render_models

@@ -1,17 +1,26 @@
 """The command line. Each command is also a Python function of the package; heavy parts are imported when used."""
 
 import argparse
+import contextlib
 import dataclasses
+import io
 import json
+import os
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 import brdfatlas
+from brdfatlas.angles import above_horizon
+from brdfatlas.files import ENDINGS, FileFault, check_output, check_regular, plain, shown
 from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
-from brdfatlas.measured import Measured, MeasuredError, fold, read_merl, write_merl
+from brdfatlas.formats import read
+from brdfatlas.formats.merl import write_merl
+from brdfatlas.measured import Measured, MeasuredError, fold
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import FitError
 
@@ -19,24 +28,59 @@ if TYPE_CHECKING:
     from brdfatlas.rendering.images import Render
 
 #: What a user can mend: one line on stderr and exit status 1; anything else is our fault and keeps its traceback.
-USER_FAULTS = (MeasuredError, FitError, ValueError, KeyError, ImportError, OSError)
+USER_FAULTS = (MeasuredError, FitError, ValueError, KeyError, ImportError, OSError, MemoryError)
+#: Kinds of output that are text, which `-o -` writes to standard output.
+TEXT = ("JSON", "XML", "MaterialX")
+#: Targets of `export` with the kind of file that each is.
+EXPORTS = {
+    "json": "JSON",
+    "sampler": "JSON",
+    "mitsuba": "XML",
+    "materialx": "MaterialX",
+    "gltf": "glTF",
+    "merl": "MERL table",
+}
+#: Exit statuses of a shell for a command that SIGINT or SIGPIPE ended.
+INTERRUPTED, BROKEN_PIPE = 130, 141
+
+
+def say(*lines: object) -> None:
+    """Print lines; a line break or an escape in a file's name cannot make one more."""
+    print("\n".join(shown(line) for line in lines))
 
 
 def load(path: str, source: str | None = None) -> Measured | Fit:
     """A .binary or a fit, whatever the file is; ``source``: the file of a fit's model where it has moved."""
-    return load_fit(path, source) if is_fit_file(path) else read_merl(path)
+    check_input(path)
+    return load_fit(path, source) if is_fit_file(path) else read(path)
 
 
-def table_of(item: Measured | Fit) -> np.ndarray:
-    """Its values on the MERL grid, NaN where there are none."""
-    return fold(item.table()) if isinstance(item, Fit) else item.table
+def table_of(item: Measured | Fit, path: str) -> np.ndarray:
+    """Its values on the MERL grid, NaN where there are none. ValueError for a fit that has none above the horizon."""
+    if isinstance(item, Measured):
+        return item.table
+    table = fold(item.table())
+    bad = int((~np.isfinite(table[above_horizon()])).any(-1).sum())
+    if bad:
+        raise ValueError(f"{path}: NaN or Inf at {bad:,} cells above the horizon; fit again")
+    return table
+
+
+def check_input(path: str) -> None:
+    """Refuse what is no regular file; one that is not there is left to the reader's own words."""
+    with contextlib.suppress(FileNotFoundError):
+        check_regular(path)
 
 
 def models_command(args: argparse.Namespace) -> dict[str, Any]:
     """Every model: name, paper, free parameters, bytes."""
     listed = {}
     for name in MODELS:
-        model = MODELS[name]
+        try:
+            model = MODELS[name]
+        except ImportError as error:  # another package's model; the rest can still be listed
+            print(f"brdfatlas models: {name}: left out, {shown(error)}", file=sys.stderr)
+            continue
         listed[name] = {
             "title": model.title,
             "paper": model.paper.short,
@@ -75,29 +119,68 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def info_command(args: argparse.Namespace) -> dict[str, Any]:
-    """Valid cells, range, albedo of a file; or what is wrong with it (exit status 1)."""
+    """What a measured file or a fit holds: valid cells, range, albedo; model, parameters. Or what is wrong with it."""
     from brdfatlas.pipeline.records import describe_material
 
-    described = describe_material(read_merl(args.file))
+    check_input(args.file)
+    if is_fit_file(args.file):
+        return fit_info(args)
+    described = describe_material(read(args.file))
     if not args.json:
         low, high = described["range"]
         note = " (a stand-in)" if described["standin"] else ""
         albedo = ", ".join(f"{value:.4f}" for value in described["albedo"])
-        print(
+        say(
             f"{args.file}{note}: {described['valid_cells']:,} of {described['cells_above_horizon']:,} cells above the "
-            f"horizon are valid\nrange {low:.6g} to {high:.6g} 1/sr\nalbedo at 30 degrees (rgb) {albedo}\n"
-            f"class {described['class']} (diffuseness {described['diffuseness']:.4g})"
+            "horizon are valid",
+            f"range {low:.6g} to {high:.6g} 1/sr",
+            f"albedo at 30 degrees (rgb) {albedo}",
+            f"class {described['class']} (diffuseness {described['diffuseness']:.4g})",
         )
     return described
 
 
+def fit_info(args: argparse.Namespace) -> dict[str, Any]:
+    """What a fit is: model, material, options, bytes, and those parameters that a person can read."""
+    fitted = load_fit(args.file, args.source)
+    model = fitted.instance
+    small = {name: array for name, array in fitted.parameters.items() if array.size <= 24}
+    if not args.json:
+        note = " (a stand-in)" if fitted.standin else ""
+        options = ", ".join(f"{key} {value}" for key, value in fitted.options.items()) or "none"
+        say(
+            f"{args.file}: a fit of {fitted.model} ({model.title}, {model.paper.short}) to {fitted.material}{note}",
+            f"{fitted.bytes:,} bytes, options: {options}",
+            *(f"{name} {np.array2string(array, precision=6, separator=', ')}" for name, array in small.items()),
+            *(f"{name} {array.shape}" for name, array in fitted.parameters.items() if name not in small),
+        )
+    return {
+        "kind": "fit",
+        "model": fitted.model,
+        "title": model.title,
+        "paper": model.paper.short,
+        "material": fitted.material,
+        "standin": fitted.standin,
+        "options": dict(fitted.options),
+        "bytes": fitted.bytes,
+        "parameters": small,
+        "shapes": {name: list(array.shape) for name, array in fitted.parameters.items()},
+    }
+
+
 def standin_command(args: argparse.Namespace) -> dict[str, Any]:
     """Write a built-in material in MERL format: the median of published fits, not a measurement."""
-    from brdfatlas.pipeline.standins import write_standin
+    from brdfatlas.pipeline.standins import standin_names, write_standin
 
+    if args.list:
+        if not args.json:
+            say(*standin_names())
+        return {"standins": standin_names()}
+    if not args.material or not args.output:
+        raise ValueError("name a material and an output: MATERIAL -o OUT.binary; --list says which there are")
     write_standin(args.material, args.output)
     if not args.json:
-        print(f"{args.output}: stand-in for {args.material}, the median of five published fits, not a measurement")
+        say(f"{args.output}: stand-in for {args.material}, the median of five published fits, not a measurement")
     return {"material": args.material, "output": args.output, "standin": True}
 
 
@@ -119,13 +202,14 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
     """Fit a model to a file and save the fit."""
     if args.source:
         MODELS.register_file(args.model, args.source)
+    check_input(args.file)
     options = MODELS[args.model].check_options(parse_options(args.option))
-    fitted = fit(args.model, read_merl(args.file), seed=args.seed, **options)
+    fitted = fit(args.model, read(args.file), seed=args.seed, **options)
     fitted.save(args.output)
     report = {"model": fitted.entry, "material": fitted.material, "output": args.output, **fitted.report}
     if not args.json:
         state = "converged" if report["converged"] else f"did not converge ({report['message']})"
-        print(
+        say(
             f"{args.output}: {report['objective_name']} {report['objective']:.6g} after {report['iterations']} "
             f"iterations in {report['seconds']:.2f} s, {state}, {report['bytes']:,} bytes"
         )
@@ -135,11 +219,11 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
 def table_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put a fit on the MERL grid, for any MERL reader."""
     fitted = load_fit(args.fit, args.source)
-    write_merl(args.output, fold(fitted.table()), standin=fitted.standin)
+    write_merl(args.output, table_of(fitted, args.fit), standin=fitted.standin)
     folded = not fitted.instance.reciprocal
     if not args.json:
         note = " (not reciprocal: the mean of both orders of the directions)" if folded else ""
-        print(f"{args.output}: {args.fit} on the MERL grid{note}")
+        say(f"{args.output}: {args.fit} on the MERL grid{note}")
     return {"fit": args.fit, "output": args.output, "mean_of_both_orders": folded}
 
 
@@ -147,8 +231,11 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
     """BRDF-space measures of B against A, where both have values; A is the reference where a measure has one."""
     from brdfatlas.measures.errors import brdf_errors
 
-    reference, other = (table_of(load(path, args.source)) for path in (args.a, args.b))
-    measures = brdf_errors(other, np.where(np.isnan(other[..., :1]), np.nan, reference))
+    reference, other = (table_of(load(path, args.source), path) for path in (args.a, args.b))
+    try:
+        measures = brdf_errors(other, np.where(np.isnan(other[..., :1]), np.nan, reference))
+    except ValueError as error:
+        raise ValueError(f"{args.a}, {args.b}: {error}; compare files that have values in common") from None
     if not args.json:
         for name, value in measures.items():
             print(f"{name:24} {value:.6g}")
@@ -156,15 +243,16 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def export_command(args: argparse.Namespace) -> dict[str, Any]:
-    """Write a fit, or its importance sampler, as JSON for other programs."""
-    from brdfatlas.export.fit_json import export_json
-    from brdfatlas.export.sampler import export_sampler
+    """Write a fit for another program: a renderer's material, JSON, its sampler, a MERL table."""
+    from brdfatlas.export.facts import with_report
+    from brdfatlas.export.targets import export
 
-    write, what = (export_sampler, "sampler") if args.sampler else (export_json, "fit")
-    write(load_fit(args.fit, args.source), args.output)
+    fitted = with_report(load_fit(args.fit, args.source), args.fit)
+    target = "sampler" if args.sampler else args.to
+    files = export(fitted, target, args.output)
     if not args.json:
-        print(f"{args.output}: the {what} of {args.fit} as JSON")
-    return {"fit": args.fit, "output": args.output, "what": what}
+        say(f"{', '.join(map(str, files))}: {args.fit} for {target}")
+    return {"fit": args.fit, "output": args.output, "target": target, "files": files}
 
 
 def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
@@ -174,17 +262,18 @@ def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
     texture = build_uber_texture([load_fit(path, args.source) for path in args.fits])
     save_uber_texture(args.output, texture)
     if not args.json:
-        print(f"{args.output}: {texture.model} of {len(texture.materials)} materials, a row each")
+        say(f"{args.output}: {texture.model} of {len(texture.materials)} materials, a row each")
     return {"model": texture.model, "materials": list(texture.materials), "output": args.output}
 
 
 def render_command(args: argparse.Namespace) -> dict[str, Any]:
     """Render a file or a fit in a scene."""
-    from brdfatlas.rendering.images import save_render
+    from brdfatlas.rendering.images import save_picture
     from brdfatlas.rendering.jobs import render_file
 
+    check_output(args.output, "picture", scene_files(args.scene, args.scenes), force=True)
     render = render_file(
-        args.file,
+        load(args.file, args.source),
         args.scene,
         samples=args.spp,
         size=args.size,
@@ -193,18 +282,32 @@ def render_command(args: argparse.Namespace) -> dict[str, Any]:
         integrator=args.integrator,
         variant=args.variant,
     )
-    save_render(args.output, render)
+    save_picture(args.output, render)
     if not args.json:
-        print(f"{args.output}: {args.file} in {args.scene}, {args.size} x {args.size}, {args.spp} samples a pixel")
+        say(f"{args.output}: {args.file} in {args.scene}, {args.size} x {args.size}, {args.spp} samples a pixel")
     return {"output": args.output, "scene": args.scene, "spp": args.spp, "size": args.size, "seed": args.seed}
+
+
+def scene_files(scene: str, scenes: str | None) -> list[str]:
+    """The file that defines a scene and those that it names: inputs of a render."""
+    from brdfatlas.rendering.scenes import read_scenes, scenes_file
+
+    check_input(scenes or str(scenes_file()))
+    definition = read_scenes(scenes).get(scene, {"geometry": [], "environment": {}})
+    named = [definition["environment"].get("file"), *(shape.get("file") for shape in definition["geometry"])]
+    return [str(scenes or scenes_file()), *filter(None, named)]
 
 
 def load_image(path: str) -> "Render":
     """A render of ours with its batches and mask, or any EXR as one batch whose pixels all count."""
     from brdfatlas.rendering.images import ImageError, Render, load_exr, load_render
 
+    check_input(path)
     try:
-        return load_render(path)
+        render = load_render(path)
+        if render.meta.get("status", "ok") != "ok":
+            raise ValueError(f"{path}: the black picture of a fit that failed; compare another")
+        return render
     except ImageError:
         mean = load_exr(path)
         return Render(mean, mean[None], np.ones(mean.shape[:2], bool))
@@ -215,6 +318,10 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
     from brdfatlas.measures.errors import Tone, image_errors
 
     reference, image = load_image(args.reference), load_image(args.image)
+    scenes = [render.meta.get("scene") for render in (reference, image)]
+    if None not in scenes and scenes[0] != scenes[1]:
+        shows = f"{args.reference} shows the scene {scenes[0]}, {args.image} shows {scenes[1]}"
+        raise ValueError(f"{shows}; compare pictures of one scene")
     shared = len(reference.batches) == len(image.batches) > 1
     if not shared:
         reference, image = (dataclasses.replace(r, batches=r.mean[None]) for r in (reference, image))
@@ -222,7 +329,10 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
         float(reference.meta.get("exposure", 1.0)) if args.exposure is None else args.exposure,
         float(reference.meta.get("gamma", 2.2)) if args.gamma is None else args.gamma,
     )
-    errors = image_errors(reference, image, tone, common_numbers=shared)
+    try:
+        errors = image_errors(reference, image, tone, common_numbers=shared)
+    except ValueError as error:
+        raise ValueError(f"{args.reference}, {args.image}: {error}") from None
     # JSON has no infinity: what an infinite standard error says is said in a word.
     bound = bool(np.isfinite(errors["psnr_db"]) and np.isinf(errors["psnr_se_db"]))
     if not args.json:
@@ -231,76 +341,170 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
     return {**errors, "psnr_is_lower_bound": bound, "exposure": tone.exposure, "gamma": tone.gamma}
 
 
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {shown(message)}; see {self.prog} --help\n")
+
+
+class Defaults(argparse.ArgumentDefaultsHelpFormatter):
+    """Help with the default of every option that has one."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        return action.help if action.default in (None, False, []) else super()._get_help_string(action)
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """A type of argument: a whole number of ``low`` to ``high``."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a whole number of {low} to {high}")
+        return value
+
+    return parse
+
+
+def positive(text: str) -> float:
+    """A type of argument: a number above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a number above 0")
+    return value
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line's grammar."""
-    top = argparse.ArgumentParser(prog="brdfatlas", description="Reflectance models fitted to measured reflectance.")
+    top = Parser(prog="brdfatlas", description="Reflectance models fitted to measured reflectance.")
     top.add_argument("--version", action="version", version=brdfatlas.__version__)
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    def command(name: str, function, output: bool = False) -> argparse.ArgumentParser:
-        sub = commands.add_parser(name, help=function.__doc__, description=function.__doc__)
-        sub.set_defaults(function=function)
-        sub.add_argument("--json", action="store_true", help="print JSON")
-        if output:
-            sub.add_argument("-o", "--output", required=True, metavar="OUT")
+    def command(
+        name: str, function: Callable, reads: Sequence[str] = (), writes: str = "", source: bool = False
+    ) -> argparse.ArgumentParser:
+        """A command; ``reads`` names its arguments that are inputs, ``writes`` is the kind of its output (ENDINGS)."""
+        sub = commands.add_parser(name, help=function.__doc__, description=function.__doc__, formatter_class=Defaults)
+        sub.set_defaults(function=function, reads=(*reads, "source"), writes=writes)
+        sub.add_argument("--json", action="store_true", help="print the result as JSON")
+        if writes:
+            ways = f"{' or '.join(ENDINGS[writes])}{', - for standard output' if writes in TEXT else ''}"
+            sub.add_argument("-o", "--output", required=name != "standin", metavar="OUT", help=f"file to write: {ways}")
+            sub.add_argument(
+                "--force", action="store_true", help="replace an existing file that brdfatlas did not write"
+            )
+        if source:
+            sub.add_argument("--source", metavar="FILE.py", help="file with a model of your own; a fit remembers it")
         return sub
 
-    def own_model(sub: argparse.ArgumentParser) -> None:
-        sub.add_argument("--source", metavar="FILE.py", help="file with a model of your own; a fit remembers it")
-
     command("models", models_command)
-    command("info", info_command).add_argument("file", metavar="FILE.binary")
-    command("standin", standin_command, output=True).add_argument("material")
-    sub = command("fit", fit_command, output=True)
-    sub.add_argument("model")
-    sub.add_argument("file", metavar="FILE.binary")
-    sub.add_argument("--seed", type=int, default=0)
+    sub = command("info", info_command, ["file"], source=True)
+    sub.add_argument("file", metavar="FILE", help="measured file or fit")
+    sub = command("standin", standin_command, writes="MERL table")
+    sub.add_argument("material", nargs="?", help="name of a material of the MERL database")
+    sub.add_argument("--list", action="store_true", help="list the materials that have a stand-in")
+    sub = command("fit", fit_command, ["file"], "fit", source=True)
+    sub.add_argument("model", help="name of the model; `brdfatlas models` lists them")
+    sub.add_argument("file", metavar="FILE.binary", help="measured file")
+    sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, help="of the random numbers of the fit")
     sub.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the model")
-    own_model(sub)
-    sub = command("table", table_command, output=True)
-    sub.add_argument("fit", metavar="FIT")
-    own_model(sub)
-    sub = command("export", export_command, output=True)
-    sub.add_argument("fit", metavar="FIT")
-    sub.add_argument("--sampler", action="store_true", help="the importance sampler of an analytic fit")
-    own_model(sub)
-    sub = command("uber-texture", uber_texture_command, output=True)
-    sub.add_argument("fits", metavar="FIT", nargs="+")
-    own_model(sub)
-    sub = command("compare", compare_command)
-    sub.add_argument("a", metavar="A")
-    sub.add_argument("b", metavar="B")
-    own_model(sub)
-    sub = command("render", render_command, output=True)
-    sub.add_argument("file", metavar="FILE_OR_FIT")
-    sub.add_argument("--scene", default="studio_sphere")
-    sub.add_argument("--spp", type=int, default=64)
-    sub.add_argument("--size", type=int, default=256)
-    sub.add_argument("--seed", type=int, default=1)
+    fit_of = {"metavar": "FIT", "help": "fit that `brdfatlas fit` wrote"}
+    command("table", table_command, ["fit"], "MERL table", source=True).add_argument("fit", **fit_of)
+    sub = command("export", export_command, ["fit"], "JSON", source=True)
+    sub.add_argument("fit", **fit_of)
+    sub.add_argument("--to", metavar="TARGET", default="json", choices=list(EXPORTS), help=", ".join(EXPORTS))
+    sub.add_argument("--sampler", action="store_true", help="the same as --to sampler")
+    sub = command("uber-texture", uber_texture_command, ["fits"], "EXR picture", source=True)
+    sub.add_argument("fits", metavar="FIT", nargs="+", help="fits of one model, one a material, at most 128")
+    sub = command("compare", compare_command, ["a", "b"], source=True)
+    sub.add_argument("a", metavar="A", help="measured file or fit, the reference")
+    sub.add_argument("b", metavar="B", help="measured file or fit")
+    add_render(command("render", render_command, ["file", "scenes"], "picture", source=True))
+    sub = command("image-errors", image_errors_command, ["reference", "image"])
+    sub.add_argument("reference", metavar="REFERENCE.exr", help="picture that is right")
+    sub.add_argument("image", metavar="IMAGE.exr", help="picture to judge")
+    sub.add_argument("--exposure", type=positive, help="of the tone map; else the reference's own, else 1")
+    sub.add_argument("--gamma", type=positive, help="of the tone map; else the reference's own, else 2.2")
+    return top
+
+
+def add_render(sub: argparse.ArgumentParser) -> None:
+    """The arguments of `render`."""
+    sub.add_argument("file", metavar="FILE_OR_FIT", help="measured file or fit")
+    sub.add_argument("--scene", default="studio_sphere", help="name of a scene")
+    sub.add_argument("--spp", type=whole(1, 2**20), default=64, help="samples a pixel")
+    sub.add_argument("--size", type=whole(1, 4096), default=256, help="width and height in pixels")
+    sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=1, help="of the random numbers of the render")
     sub.add_argument("--scenes", metavar="FILE.yaml", help="file that defines the scene, else the built-in scenes")
     sub.add_argument("--integrator", choices=("direct", "path"), default="direct", help="path: by stock Mitsuba")
     sub.add_argument("--variant", default="llvm_ad_rgb", help="Mitsuba variant")
-    sub = command("image-errors", image_errors_command)
-    sub.add_argument("reference", metavar="REFERENCE.exr")
-    sub.add_argument("image", metavar="IMAGE.exr")
-    sub.add_argument("--exposure", type=float, help="of the tone map; else the reference's own, else 1")
-    sub.add_argument("--gamma", type=float, help="of the tone map; else the reference's own, else 2.2")
-    return top
+
+
+def check_arguments(args: argparse.Namespace) -> None:
+    """Refuse an output that would destroy an input or a file of another kind."""
+    output = getattr(args, "output", None)
+    given = [getattr(args, name, None) or [] for name in args.reads]
+    inputs = [path for value in given for path in ([value] if isinstance(value, str) else value)]
+    if args.command == "export":
+        args.writes = EXPORTS["sampler" if args.sampler else args.to]
+    if output == "-" and (args.writes not in TEXT or args.json):
+        fault = "the result is printed there" if args.json else f"{args.writes} is no text"
+        raise FileFault(f"-o -: standard output cannot be the file, {fault}; name a file")
+    if output and output != "-":
+        check_output(output, args.writes, inputs, force=args.force)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Run a command and print what it has to say; with ``-o -`` print the file that it would write."""
+    check_arguments(args)
+    if getattr(args, "output", None) != "-":
+        result = args.function(args)
+        if args.json:
+            print(json.dumps(plain(result), indent=1, ensure_ascii=False))
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            args.output = os.path.join(folder, "out" + ENDINGS[args.writes][0])
+            with contextlib.redirect_stdout(io.StringIO()):
+                args.function(args)
+            sys.stdout.write(Path(args.output).read_text(encoding="utf-8"))
+    sys.stdout.flush()
+
+
+def reason(error: BaseException) -> str:
+    """An error in one line."""
+    if isinstance(error, MemoryError):
+        return "not enough memory; take a smaller size, or close other programs"
+    if isinstance(error, KeyError) and error.args:
+        return shown(error.args[0])
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return f"{shown(error.filename)}: {error.strerror}"
+    return shown(" ".join(str(error).split("\n")).strip() or type(error).__name__)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; exit status 0, or 1 after one line that says what is wrong."""
-    args = parser().parse_args(argv)
+    with contextlib.suppress(AttributeError):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files that are no text in this locale
     try:
-        result = args.function(args)
+        args = parser().parse_args(argv)
+        run(args)
+    except BrokenPipeError:
+        # `| head` has read enough; at exit Python would flush what is left and complain
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
+    except KeyboardInterrupt:
+        print("brdfatlas: interrupted, nothing was written", file=sys.stderr)
+        return INTERRUPTED
     except USER_FAULTS as error:
-        message = str(error.args[0] if isinstance(error, KeyError) and error.args else error)
-        print(f"brdfatlas {args.command}: {(message or type(error).__name__).splitlines()[0]}", file=sys.stderr)
+        print(f"brdfatlas {args.command}: {reason(error)}", file=sys.stderr)
         return 1
-    if args.json:
-        from brdfatlas.files import plain
-
-        print(json.dumps(plain(result), indent=1, ensure_ascii=False))
     return 0
 
 

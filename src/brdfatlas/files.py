@@ -1,8 +1,10 @@
-"""Files appear whole or not at all; npz files hold no pickles and no clock."""
+"""Files appear whole or not at all; npz files hold no pickles and no clock; nothing is read that is no regular file."""
 
 import hashlib
 import json
+import math
 import os
+import stat
 import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,14 +14,122 @@ from typing import Any
 
 import numpy as np
 
+#: Most bytes that an npz file may expand to, and that a JSON file may have: beyond any file of ours.
+MOST_BYTES = 2**31
+#: Kind of an output -> endings that it may have; an ending that nobody knows goes with every kind.
+ENDINGS = {
+    "fit": (".npz",),
+    "MERL table": (".binary",),
+    "EXR picture": (".exr",),
+    "picture": (".exr", ".png"),
+    "JSON": (".json",),
+    "XML": (".xml",),
+    "MaterialX": (".mtlx",),
+    "glTF": (".gltf", ".glb"),
+}
+_OTHER_ENDINGS = (".astm", ".bsdf", ".csv", ".hdr", ".html", ".jpeg", ".jpg", ".md", ".npy", ".obj", ".pdf", ".pfm")
+_OTHER_ENDINGS += (".ply", ".py", ".rgbe", ".toml", ".tsv", ".txt", ".webp", ".yaml", ".yml", ".zip")
+#: First bytes of what we write in a format; text has none.
+_MAGIC = {
+    ".npz": b"PK\x03\x04",
+    ".exr": b"v/1\x01",
+    ".png": b"\x89PNG",
+    ".binary": np.array([90, 90, 180], "<i4").tobytes(),
+}
+
+
+class FileFault(ValueError):
+    """A file that is not read or not written; the message is one line that names the file and the remedy."""
+
+
+def shown(text: object) -> str:
+    """``text`` on one line: control characters of a file's name as escapes."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text))
+
+
+def check_regular(path: str | os.PathLike) -> Path:
+    """``path`` if it is a regular file or a link to one: a FIFO would wait for ever, a device never end.
+
+    Raises FileFault naming the file; FileNotFoundError and other OSErrors as ``os.stat`` does.
+    """
+    if not stat.S_ISREG(os.stat(path).st_mode):
+        what = "a folder" if os.path.isdir(path) else "not a regular file"
+        raise FileFault(f"{shown(path)}: {what}; name a file")
+    return Path(path)
+
+
+def _target(path: str | os.PathLike) -> Path:
+    """Where writing to ``path`` goes: through links, and only to a regular file or a new one. FileFault if neither."""
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():
+        raise FileFault(f"{shown(path)}: a link to itself; name another output")
+    if target.exists() and not target.is_file():
+        what = "a folder" if target.is_dir() else "not a regular file"
+        raise FileFault(f"{shown(path)}: {what}, nothing is written there; name another output")
+    return target
+
+
+def check_output(
+    path: str | os.PathLike, kind: str, inputs: Iterable[str | os.PathLike] = (), *, force: bool = False
+) -> None:
+    """Refuse, before any work, an output that would destroy something or that could not be written.
+
+    ``kind``: one of ENDINGS. Raises FileFault naming file and remedy: the output is one of ``inputs``; it is no regular
+    file; its ending says another format; it exists and was not written by this package as ``kind``, unless ``force``;
+    its folder is none or cannot be written to.
+    """
+    target, name = _target(path), shown(path)
+    if os.fspath(path).endswith(os.sep):
+        raise FileFault(f"{name}: the name of a folder; name a file in it")
+    for item in inputs:
+        if (os.path.exists(item) and os.path.realpath(item) == str(target)) or _same(item, target):
+            raise FileFault(f"{name}: is an input of this command ({shown(item)}); name another output")
+    ending = target.suffix.lower()
+    known = {ending for endings in ENDINGS.values() for ending in endings}.union(_OTHER_ENDINGS)
+    if ending in known and ending not in ENDINGS[kind]:
+        raise FileFault(f"{name}: a {kind} is written, which ends in {' or '.join(ENDINGS[kind])}; name such an output")
+    if target.exists() and not force and not _ours(target, kind):
+        raise FileFault(f"{name}: exists and is no {kind} of brdfatlas; name another output, or replace it by --force")
+    folder = next(parent for parent in target.parents if parent.exists())
+    if not folder.is_dir():
+        raise FileFault(f"{name}: {shown(folder)} is not a folder; name another output")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise FileFault(f"{name}: {shown(folder)} cannot be written to; name another output")
+
+
+def _same(item: str | os.PathLike, target: Path) -> bool:
+    """Whether both are one file, under links of either kind."""
+    return os.path.exists(item) and target.exists() and os.path.samefile(item, target)
+
+
+def _ours(path: Path, kind: str) -> bool:
+    """Whether ``path`` is a ``kind`` that this package wrote, or empty: such a file may be replaced.
+
+    A MERL table is ours only where it is marked as a stand-in: any other may be a measurement.
+    """
+    with open(path, "rb") as handle:
+        head = handle.read(4096)
+        if not head:
+            return True
+        ending = next((ending for ending, magic in _MAGIC.items() if head.startswith(magic)), None)
+        if ending == ".npz":
+            return kind == "fit" and head[30:].startswith(b"model.npy")
+        if ending == ".binary":
+            handle.seek(-8, os.SEEK_END)
+            return kind == "MERL table" and handle.read() == np.array(-5.0, "<f8").tobytes()
+        if ending is not None:
+            return ending in ENDINGS[kind] and b"brdfatlas" in head
+        return not set(ENDINGS[kind]) & set(_MAGIC) and b"brdfatlas" in head
+
 
 @contextmanager
 def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
     """A temporary path beside ``path`` that becomes ``path`` when the block ends well and vanishes when it fails.
 
-    It keeps the ending of ``path``, because writers choose a format by it.
+    It keeps the ending of ``path``, because writers choose a format by it. A link stays: what it names is written. A
+    FIFO, a device or a folder is not replaced (FileFault).
     """
-    path = Path(path)
+    path = _target(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name[:40]}.", suffix=path.suffix, dir=path.parent)
     os.close(handle)
@@ -63,8 +173,17 @@ def plain(value: Any) -> Any:
 
 
 def read_json(path: str | os.PathLike) -> Any:
-    """Read a JSON file."""
-    return json.loads(Path(path).read_text(encoding="utf-8"))
+    """Read a JSON file. ValueError for what is not JSON; FileFault naming the file for no regular file or one beyond
+    MOST_BYTES."""
+    path = check_regular(path)
+    if path.stat().st_size > MOST_BYTES:
+        raise FileFault(f"{shown(path)}: {path.stat().st_size:,} bytes, more than {MOST_BYTES:,}; not one of ours")
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{shown(path)}: not JSON, cut off? ({error})") from None
+    except RecursionError:
+        raise ValueError(f"{shown(path)}: nested too deeply") from None
 
 
 def write_npz(path: str | os.PathLike, arrays: Mapping[str, np.ndarray]) -> None:
@@ -77,10 +196,41 @@ def write_npz(path: str | os.PathLike, arrays: Mapping[str, np.ndarray]) -> None
                 np.lib.format.write_array(handle, np.asarray(array), allow_pickle=False)
 
 
-def read_npz(path: str | os.PathLike) -> dict[str, np.ndarray]:
-    """Read an npz file without pickle."""
-    with np.load(path, allow_pickle=False) as store:
-        return {name: store[name] for name in store.files}
+def read_npz(path: str | os.PathLike, *, most_bytes: int = MOST_BYTES) -> dict[str, np.ndarray]:
+    """Read an npz file without pickle. Sizes are checked before anything is allocated.
+
+    Raises FileFault naming the file: not a regular file, no npz, damaged, Python objects, more than ``most_bytes``.
+    """
+    path = check_regular(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            total = sum(member.file_size for member in members)
+            if total > most_bytes:
+                raise ValueError(f"expands to {total:,} bytes, more than {most_bytes:,}")
+            if len({member.filename for member in members}) != len(members):
+                raise ValueError("a name comes twice")
+            return {member.filename.removesuffix(".npy"): _read_member(archive, member) for member in members}
+    except OSError:
+        raise
+    except Exception as error:  # zipfile and zlib raise a dozen kinds for damaged files
+        raise FileFault(f"{shown(path)}: not a readable npz file ({shown(error) or type(error).__name__})") from None
+
+
+def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    """One array, of just the size that its header states."""
+    with archive.open(member) as handle:
+        version = np.lib.format.read_magic(handle)
+        if version not in ((1, 0), (2, 0)):
+            raise ValueError(f"{member.filename} has npy version {version}")
+        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = header(handle)
+        if dtype.hasobject:
+            raise ValueError(f"{member.filename} holds Python objects, which are not read")
+        if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize != member.file_size - handle.tell():
+            raise ValueError(f"{member.filename} has not the size that it states")
+        values = np.frombuffer(bytearray(handle.read()), dtype)
+    return values.reshape(shape, order="F" if fortran else "C")
 
 
 def digests(folder: str | os.PathLike, names: Iterable[str]) -> dict[str, str]:

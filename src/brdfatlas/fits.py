@@ -1,20 +1,26 @@
 """A fit: a model with numbers. After this point nothing knows which model it was."""
 
+import json
 import os
+import stat
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from brdfatlas.angles import above_horizon
-from brdfatlas.files import read_npz, write_npz
+from brdfatlas.angles import GRID_SHAPE, above_horizon
+from brdfatlas.files import check_regular, plain, read_npz, shown, write_npz
 from brdfatlas.measured import Measured, fold
-from brdfatlas.models import MODELS, Entry, load_model
-from brdfatlas.models.base import Factors, FitError, Function, Model
+from brdfatlas.models import MODELS, Entry, load_model, own_faults
+from brdfatlas.models.base import Factors, FitError, Function, Model, Result, numbers
 from brdfatlas.sampling import Sampler
+
+#: Most bytes that a fit may have: several times a table with a number of its own for every cell of the grid.
+MOST_BYTES = 2**28
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,23 +72,34 @@ class Fit:
 
     def evaluate(self, wi, wo) -> np.ndarray:
         """rgb (..., 3) in 1/sr at unit vectors (..., 3): ``wi`` towards the light, ``wo`` towards the viewer, which
-        matters to a model that is not reciprocal. 0 where one direction is below the surface, NaN where one is NaN."""
+        matters to a model that is not reciprocal. 0 where one direction is below the surface, NaN where one is not
+        finite."""
         wi, wo = np.broadcast_arrays(np.asarray(wi, float), np.asarray(wo, float))
-        unknown = np.isnan(wi).any(-1) | np.isnan(wo).any(-1)
-        seen = (wi[..., 2] > 0) & (wo[..., 2] > 0) & ~unknown  # compiled look-ups make indices of angles
+        finite = (np.isfinite(wi) & np.isfinite(wo)).all(-1)  # compiled look-ups take directions as indices
+        seen = finite & (wi[..., 2] > 0) & (wo[..., 2] > 0)
         if seen.all():
-            return np.asarray(self.instance.evaluate(self.parameters, wi, wo))
+            return self._values(wi, wo)
         rgb = np.zeros(wi.shape)
-        rgb[unknown] = np.nan
+        rgb[~finite] = np.nan
         if seen.any():
-            rgb[seen] = self.instance.evaluate(self.parameters, wi[seen], wo[seen])
+            rgb[seen] = self._values(wi[seen], wo[seen])
         return rgb
+
+    def _values(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        with own_faults(self.instance, self.material):
+            rgb = numbers(self.instance.evaluate(self.parameters, wi, wo))
+            if rgb.shape != wi.shape:
+                raise ValueError(f"evaluate gives shape {rgb.shape} for directions {wi.shape}")
+            return rgb
 
     def table(self) -> np.ndarray:
         """The fit at the cell centres of the grid, float32, NaN below the horizon: the MERL grid, (90, 90, 180, 3), or
         for a model that is not reciprocal the full circle, (90, 90, 360, 3) (:func:`brdfatlas.measured.fold` makes a
         MERL table of either)."""
-        table = np.array(self.instance.evaluate_grid(self.parameters), np.float32, copy=True)
+        with own_faults(self.instance, self.material):
+            table = np.array(numbers(self.instance.evaluate_grid(self.parameters)), np.float32, copy=True)
+            if table.shape != (*GRID_SHAPE, 3):
+                raise ValueError(f"evaluate_grid gives shape {table.shape}, not {(*GRID_SHAPE, 3)}")
         table[~above_horizon()] = np.nan
         # phi_d -> -phi_d mirrors both directions at the plane of the half vector and the normal.
         return table if self.instance.reciprocal else np.concatenate([table, table[:, :, ::-1]], 2)
@@ -120,6 +137,8 @@ def is_fit_file(path: str | os.PathLike) -> bool:
     if str(path).endswith(".npz"):
         return True
     try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            return False
         with open(path, "rb") as handle:
             return handle.read(2) == b"PK"
     except OSError:
@@ -127,35 +146,113 @@ def is_fit_file(path: str | os.PathLike) -> bool:
 
 
 def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -> Fit:
-    """Read a fit. ``source``: where the file of its model is now, for a model of one's own whose file has moved.
+    """Read a fit and check it against its model. ``source``: where the file of its model is now, for a model of one's
+    own whose file has moved.
 
-    ValueError names the file if it is not a fit, or if its model cannot be found.
+    ValueError names the file if it is not a fit, if its model cannot be found, or if it is not what the model states.
     """
+    name = shown(path)
     try:
-        store = read_npz(path)
-        parameters = {k.removeprefix("parameter/"): v for k, v in store.items() if k.startswith("parameter/")}
-        options = {k.removeprefix("option/"): v.item() for k, v in store.items() if k.startswith("option/")}
-        labels = {key: str(store[key]) for key in ("model", "material", "entry", "source") if key in store}
-        if source:
-            labels["source"] = str(source)
-        fitted = Fit(parameters=parameters, options=options, standin=bool(store["standin"]), **labels)
+        if check_regular(path).stat().st_size == 0:
+            raise ValueError("empty, the mark of a fit that failed; fit again")
+        fitted = _fit_of(read_npz(path, most_bytes=MOST_BYTES))
+        fitted = replace(fitted, source=str(source)) if source else fitted
     except FileNotFoundError:
-        raise ValueError(f"{path}: no such fit") from None
-    except Exception as error:
-        raise ValueError(f"{path}: not a brdfatlas fit ({type(error).__name__}: {error})") from None
-    try:
-        _ = fitted.instance
-    except (KeyError, ImportError) as error:
-        reason = f"its model {fitted.model!r} cannot be used ({error.args[0]})"
-        raise ValueError(f"{path}: {reason}; say where the model's file is: source=FILE.py, or --source") from None
+        raise ValueError(f"{name}: no such fit") from None
+    except OSError as error:
+        raise ValueError(f"{name}: cannot be read ({error.strerror or error})") from None
+    except ValueError as error:
+        raise ValueError(f"{name}: not a brdfatlas fit ({str(error).removeprefix(f'{name}: ')})") from None
+    check_fit(fitted, path)
     return fitted
+
+
+def _fit_of(store: dict[str, np.ndarray]) -> Fit:
+    """The fit in the arrays of an npz file. ValueError if they are none."""
+    labels: dict[str, Any] = {}
+    for key, kind in {"model": "U", "material": "U", "standin": "b", "entry": "U", "source": "U"}.items():
+        if key in store or key not in ("entry", "source"):
+            if key not in store or store[key].dtype.kind != kind or store[key].ndim:
+                raise ValueError(f"it does not state its {key}")
+            labels[key] = store[key].item()
+    parts: dict[str, dict[str, np.ndarray]] = {"parameter": {}, "option": {}}
+    for key in (key for key in store if key not in labels):
+        part, _, rest = key.partition("/")
+        if part not in parts:
+            raise ValueError(f"it holds {shown(key)}, which belongs to no fit")
+        parts[part][rest] = store[key]
+    if any(value.ndim for value in parts["option"].values()):
+        raise ValueError("an option is an array")
+    options = {key: value.item() for key, value in parts["option"].items()}
+    return Fit(parameters=parts["parameter"], options=options, **labels)
+
+
+def check_fit(fitted: Fit, path: str | os.PathLike) -> None:
+    """Check what was read from ``path`` against what its model states of itself: options, names, types, shapes, ranges.
+
+    Raises ValueError, one line that names the file and the first fault.
+    """
+    name = shown(path)
+    try:
+        model = fitted.instance
+    except (KeyError, ImportError) as error:
+        fault = f"its model {shown(fitted.model)!r} cannot be used ({shown(error.args[0])})"
+        raise ValueError(f"{name}: {fault}; say where the model's file is: source=FILE.py, or --source") from None
+    try:
+        options = model.check_options(fitted.options)
+    except ValueError as error:
+        raise ValueError(f"{name}: damaged, or of another version ({error})") from None
+    fault = fault_of(model, fitted.parameters, options)
+    if fault:
+        raise ValueError(f"{name}: damaged, or of another version of {model.name}: {fault}; fit again")
+    for label in (fitted.material, fitted.entry):
+        if not 0 < len(label) < 256 or not label.isprintable():
+            raise ValueError(f"{name}: damaged, {label[:80]!r} is no name; fit again")
+
+
+def fault_of(model: Model, parameters: Mapping[str, np.ndarray], options: Mapping[str, Any]) -> str:
+    """What is wrong with the parameters of a fit, in words; "" if they are what the model states."""
+    stated = model.parameters_of(options)
+    if parameters.keys() != {parameter.name for parameter in stated}:
+        return f"it holds {', '.join(sorted(parameters)) or 'nothing'}, not {', '.join(p.name for p in stated)}"
+    for parameter in stated:
+        array = parameters[parameter.name]
+        if array.dtype != np.dtype(parameter.dtype):
+            return f"{parameter.name} is {array.dtype}, not {parameter.dtype}"
+        if array.ndim != len(parameter.shape) or array.size == 0:
+            return f"{parameter.name} has shape {array.shape}"
+        if not np.isfinite(array).all():
+            return f"{parameter.name} is not finite"
+    fault = model.shape_fault(parameters, options)
+    if fault:
+        return fault
+    for parameter in stated:
+        array, bound = parameters[parameter.name], np.dtype(parameter.dtype).type
+        if (array < bound(parameter.low)).any() or (array > bound(parameter.high)).any():
+            return f"{parameter.name} is not within {parameter.low:g} to {parameter.high:g}"
+    return ""
+
+
+def _stored(model: Model, options: Mapping[str, Any], result: Result, where: str) -> dict[str, np.ndarray]:
+    """The parameters of a result in the types of the model's storage. FitError if one is missing or not finite."""
+    parameters = {}
+    for parameter in model.parameters_of(options):
+        if parameter.name not in result.parameters:
+            raise FitError(f"{where}: the fit returns no {parameter.name}, which the model states")
+        array = np.asarray(result.parameters[parameter.name], parameter.dtype)
+        if not model.variable_size:
+            array = array.reshape(parameter.shape)
+        if not np.isfinite(array).all():
+            raise FitError(f"{where}: {parameter.name} is not finite ({result.message})")
+        parameters[parameter.name] = array
+    return parameters
 
 
 def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options: Any) -> Fit:
     """Fit ``model`` (a name, an entry or a Model) to a material; ``options`` stand over those of the entry.
 
-    Raises KeyError for an unknown model, ValueError for an unknown option, FitError where the model has no finite
-    fit for this material.
+    The model gets a read-only table. Raises KeyError for an unknown model, ValueError for an unknown option, FitError
+    where the model has no finite fit for this material, or where the code of a model from outside fails.
     """
     if isinstance(model, Model):
         entry = Entry(model.name, model.name)
@@ -163,28 +260,30 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
         entry = MODELS.entry(model) if isinstance(model, str) else model
         model = entry.instance
     chosen = model.check_options(options)
+    where = f"{entry.name} on {measured.name}"
+    table = measured.table.view()
+    table.flags.writeable = False
     start = time.perf_counter()
-    result = model.fit(measured, seed=seed, **chosen)
-    seconds = time.perf_counter() - start
-    parameters = {}
-    for parameter in model.parameters_of(chosen):
-        array = np.asarray(result.parameters[parameter.name], parameter.dtype)
-        if not model.variable_size:
-            array = array.reshape(parameter.shape)
-        if not np.isfinite(array).all():
-            raise FitError(f"{entry.name} on {measured.name}: {parameter.name} is not finite ({result.message})")
-        parameters[parameter.name] = array
-    report = {
-        "objective": float(result.objective),
-        "objective_name": result.objective_name,
-        "iterations": int(result.iterations),
-        "converged": bool(result.converged),
-        "message": result.message,
-        "seconds": seconds,
-        "seed": seed,
-        "bytes": sum(array.nbytes for array in parameters.values()),
-        "details": result.details,
-    }
+    # The order of sums in BLAS, and so the last bit, depends on its threads.
+    with own_faults(model, measured.name), threadpool_limits(1, user_api="blas"):
+        result = model.fit(replace(measured, table=table), seed=seed, **chosen)
+        seconds = time.perf_counter() - start
+        parameters = _stored(model, chosen, result, where)
+        report = {
+            "objective": float(result.objective),
+            "objective_name": str(result.objective_name),
+            "iterations": int(result.iterations),
+            "converged": bool(result.converged),
+            "message": str(result.message),
+            "seconds": seconds,
+            "seed": seed,
+            "bytes": sum(array.nbytes for array in parameters.values()),
+            "details": result.details,
+        }
+    try:
+        json.dumps(plain(report["details"]))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise FitError(f"{where}: details cannot be written as JSON ({error})") from None
     labels = {"entry": entry.name, "source": entry.source}
     fitted = Fit(entry.model, measured.name, parameters, chosen, measured.standin, report, **labels)
     vars(fitted)["instance"] = model  # also one that no name leads to

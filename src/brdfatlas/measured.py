@@ -1,28 +1,21 @@
-"""A measured isotropic BRDF on the MERL grid: reading, checking, writing, looking up.
+"""A measured isotropic BRDF on the MERL grid: what it holds, where it comes from, looking up between cells.
 
-File format (Matusik et al. 2003): three little-endian int32 (90, 90, 180), then 3 x 1,458,000 float64, planar R, G,
-B. Index = phi_d + 180 (theta_d + 90 theta_h). Stored numbers times (1, 1.15, 1.66) / 1500 are 1/sr; invalid cells
-are negative, by any number. Stand-ins use that: their very last number, below the horizon, is STANDIN_MARK, so that a
-file is known as a stand-in under any name and in any folder.
+Files are read by :mod:`brdfatlas.formats`.
 """
 
-import os
-import stat
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
-from brdfatlas.angles import GRID_SHAPE, N_PHI_D, above_horizon, half_difference
-from brdfatlas.files import atomic_path
+from brdfatlas.angles import GRID_SHAPE, N_PHI_D, half_difference
+from brdfatlas.compiled import njit
 
 N_CELLS = int(np.prod(GRID_SHAPE))
-HEADER_BYTES = 12
-FILE_BYTES = HEADER_BYTES + 3 * N_CELLS * 8
-SCALE = np.array([1.0, 1.15, 1.66]) / 1500.0
-STANDIN_MARK = -5.0
+#: What a table may be: a measurement, somebody's reconstruction of one (a network, a fit), or a built-in stand-in.
+KINDS = MEASURED, RECONSTRUCTED, STANDIN = "measured", "reconstructed", "stand-in"
 
 
 class MeasuredError(ValueError):
@@ -30,17 +23,56 @@ class MeasuredError(ValueError):
 
 
 @dataclass(frozen=True)
+class Provenance:
+    """Where a table comes from and what was done to it; JSON-able.
+
+    ``format``: of the file; ``source``, ``instrument``, ``note``: words of the file or of its folder's about.yaml, ""
+    where there are none. ``kind``: MEASURED or RECONSTRUCTED. ``shares``: name -> share of the valid cells, 0 to 1
+    ("out of gamut": a channel was negative and is 0; "extrapolated"). ``warnings``: one line each, for page and
+    terminal: what was assumed, changed or looks wrong.
+    """
+
+    format: str = ""
+    source: str = ""
+    instrument: str = ""
+    note: str = ""
+    kind: str = MEASURED
+    shares: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class Measured:
     """A BRDF on the MERL grid.
 
     ``table``: (90, 90, 180, 3) float32, 1/sr without the cosine, rgb last, NaN where nothing was measured.
     ``standin``: True for a material built from published fits; it must never be shown as a measurement.
+    ``distance``: of scattered data, GRID_SHAPE float32: degrees to the nearest sample, NaN where the table is.
+    ``samples``: of scattered data, (n, 3): theta_h, theta_d, phi_d of the samples in radians.
+    Two are equal if name, kind and table are.
     """
 
     name: str
     table: np.ndarray
     standin: bool = False
-    path: Path | None = field(default=None, compare=False)
+    path: Path | None = None
+    provenance: Provenance = Provenance()
+    distance: np.ndarray | None = None
+    samples: np.ndarray | None = None
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Measured):
+            return NotImplemented
+        same = (self.name, self.kind) == (other.name, other.kind)
+        return same and np.array_equal(self.table, other.table, equal_nan=True)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.kind))
+
+    @property
+    def kind(self) -> str:
+        """One of KINDS; materials of different kinds are never mixed silently in a mean."""
+        return STANDIN if self.standin else self.provenance.kind
 
     @property
     def valid(self) -> np.ndarray:
@@ -55,89 +87,6 @@ class Measured:
     def evaluate(self, wi, wo) -> np.ndarray:
         """rgb in 1/sr at directions (..., 3), trilinear, extended beyond the horizon; 0 below the surface."""
         return look_up(self.extended, wi, wo)
-
-
-@njit(cache=True, nogil=True)
-def _decode(stored, scale, above, table):
-    """Scale, interleave and mask the planar file; returns the numbers of non-finite and of valid cells."""
-    n = above.size
-    bad, valid = 0, 0
-    for i in range(n):
-        r, g, b = stored[i], stored[n + i], stored[2 * n + i]
-        if not (np.isfinite(r) and np.isfinite(g) and np.isfinite(b)):
-            bad += 1
-        if above[i] and r >= 0.0 and g >= 0.0 and b >= 0.0:
-            valid += 1
-            table[i, 0], table[i, 1], table[i, 2] = r * scale[0], g * scale[1], b * scale[2]
-        else:
-            table[i, 0] = table[i, 1] = table[i, 2] = np.nan
-    return bad, valid
-
-
-def check_header(path: str | os.PathLike) -> None:
-    """Check in microseconds that ``path`` is a regular, readable file of the MERL size and dimensions.
-
-    Raises MeasuredError with one line that names the file and what is wrong.
-    """
-    path = Path(path)
-    try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise MeasuredError(f"{path}: not a regular file")
-        with open(path, "rb") as handle:
-            header = handle.read(HEADER_BYTES)
-    except FileNotFoundError:
-        raise MeasuredError(f"{path}: no such file") from None
-    except OSError as error:
-        raise MeasuredError(f"{path}: cannot be read ({error.strerror or error})") from None
-    if len(header) < HEADER_BYTES:
-        raise MeasuredError(f"{path}: truncated, {status.st_size:,} of {FILE_BYTES:,} bytes")
-    shape = tuple(int(n) for n in np.frombuffer(header, "<i4"))
-    if shape != GRID_SHAPE:
-        raise MeasuredError(f"{path}: wrong dimensions {shape}, a MERL file has {GRID_SHAPE}")
-    if status.st_size != FILE_BYTES:
-        fault = "truncated" if status.st_size < FILE_BYTES else "over-long"
-        raise MeasuredError(f"{path}: {fault}, {status.st_size:,} of {FILE_BYTES:,} bytes")
-
-
-def read_merl(path: str | os.PathLike, *, standin: bool = False) -> Measured:
-    """Read a MERL ``.binary`` file; the material's name is the file's stem. ``standin``: it is one, marked or not.
-
-    Raises MeasuredError (one line, naming the file) for wrong dimensions, a truncated or over-long file, NaN or
-    Inf, no valid cell, or what is not a readable regular file.
-    """
-    path = Path(path)
-    check_header(path)
-    try:
-        stored = np.fromfile(path, "<f8", offset=HEADER_BYTES)
-    except OSError as error:
-        raise MeasuredError(f"{path}: cannot be read ({error.strerror or error})") from None
-    if stored.size != 3 * N_CELLS:
-        raise MeasuredError(f"{path}: truncated while reading")
-    table = np.empty((N_CELLS, 3), np.float32)
-    bad, valid = _decode(stored, SCALE, above_horizon().ravel(), table)
-    if bad:
-        raise MeasuredError(f"{path}: {bad:,} cells hold NaN or Inf")
-    if valid == 0:
-        raise MeasuredError(f"{path}: no valid cell, every sample is negative or below the horizon")
-    standin = standin or bool(stored[-1] == STANDIN_MARK)
-    return Measured(path.stem, table.reshape(*GRID_SHAPE, 3), standin, path)
-
-
-def write_merl(path: str | os.PathLike, table: np.ndarray, *, standin: bool = False) -> None:
-    """Write a (90, 90, 180, 3) table in 1/sr as a MERL file; NaN cells become the format's -1. Whole or not at all.
-
-    ``standin`` marks the file as a stand-in, or made from one.
-    """
-    table = np.asarray(table)
-    if table.shape != (*GRID_SHAPE, 3):
-        raise ValueError(f"{path}: a MERL table has shape {(*GRID_SHAPE, 3)}, not {table.shape}")
-    stored = np.where(np.isnan(table), -1.0, table / SCALE)
-    if standin:
-        stored[-1, -1, -1, -1] = STANDIN_MARK
-    with atomic_path(path) as temporary, open(temporary, "wb") as handle:
-        np.array(GRID_SHAPE, "<i4").tofile(handle)
-        np.ascontiguousarray(np.moveaxis(stored, -1, 0), "<f8").tofile(handle)
 
 
 def fold(table: np.ndarray) -> np.ndarray:

@@ -4,9 +4,9 @@ All weights are (90, 90, 180) or (90, 90, 180, 3) arrays; 0 marks a sample that 
 """
 
 import numpy as np
-from numba import njit
 
-from brdfatlas.angles import grid_cosines, pair_measure, slice_measure
+from brdfatlas.angles import grid_axes, grid_cosines, pair_measure, slice_measure
+from brdfatlas.compiled import njit
 from brdfatlas.constants import E2_ANGLE, MAX_ANGLE
 
 
@@ -148,17 +148,29 @@ def log_deviation(a: np.ndarray, b: np.ndarray, min_cosine: float = 0.1) -> floa
     return float(np.mean(np.abs(difference)))
 
 
-def loew_e2(a: np.ndarray, b: np.ndarray, max_angle: float = E2_ANGLE) -> float:
-    """Löw et al. 2012, E2: mean over cells with theta_h, theta_d <= 80 degrees of the squared difference of
-    ln(1 + rho cos theta_i), summed over rgb."""
-    from brdfatlas.angles import grid_axes
+def e2_weights(valid: np.ndarray, max_angle: float = E2_ANGLE) -> np.ndarray:
+    """The weight of every sample in Löw's E2, GRID_SHAPE float64 of sum 1: its share of the direction pairs with
+    theta_h, theta_d <= ``max_angle`` (radians) among the ``valid``.
 
+    Equal weights for the cells of the file would be another metric: half of them have theta_h < 22 degrees, and the
+    highlight would count for almost everything. Raises ValueError if no valid sample lies within.
+    """
     theta_h, theta_d, _ = grid_axes()
-    cos_i, _ = grid_cosines()
-    keep = (theta_h <= max_angle) & (theta_d <= max_angle) & ~np.isnan(a[..., 0]) & ~np.isnan(b[..., 0])
-    cosine = cos_i[keep].astype(float)[:, None]
+    weights = np.where(valid & (theta_h <= max_angle) & (theta_d <= max_angle), pair_measure(), 0.0)
+    total = weights.sum()
+    if not total > 0:
+        raise ValueError(f"no valid sample with theta_h and theta_d within {np.rad2deg(max_angle):g} degrees")
+    return weights / total
+
+
+def loew_e2(a: np.ndarray, b: np.ndarray, max_angle: float = E2_ANGLE) -> float:
+    """Löw et al. 2012, E2: mean over direction pairs (:func:`e2_weights`) of the squared difference of
+    ln(1 + rho cos theta_i), summed over rgb; both tables (90, 90, 180, 3), 1/sr, NaN for invalid."""
+    weights = e2_weights(~np.isnan(a[..., 0]) & ~np.isnan(b[..., 0]), max_angle)
+    keep = weights > 0
+    cosine = np.maximum(grid_cosines()[0][keep].astype(float), 0)[:, None]
     difference = np.log1p(np.maximum(a[keep] * cosine, 0)) - np.log1p(np.maximum(b[keep] * cosine, 0))
-    return float(np.mean(np.sum(difference**2, -1)))
+    return float(weights[keep] @ np.sum(difference**2, -1))
 
 
 def cosine_weighted(a: np.ndarray, b: np.ndarray) -> float:

@@ -182,6 +182,23 @@ class GgxLobe(HalfVectorLobe):
 
 
 @dataclass(frozen=True)
+class Gtr1Lobe(HalfVectorLobe):
+    """D cos theta_h of Burley's GTR of exponent 1 (Burley 2012, appendix B.2, Eqs. 4, 5)."""
+
+    alpha: float
+    kind = "gtr1"
+
+    def _tan_theta_h(self, xi):
+        squared = self.alpha**2
+        sin2 = np.expm1(xi * -np.log(squared)) * squared / (1 - squared)
+        return np.sqrt(sin2 / np.maximum(1 - sin2, 1e-300))
+
+    def _half_density(self, cos_h, sin_h):
+        squared = self.alpha**2
+        return (squared - 1) * cos_h / (np.pi * np.log(squared) * (squared + (1 - squared) * sin_h**2))
+
+
+@dataclass(frozen=True)
 class TabulatedLobe(HalfVectorLobe):
     """Steps: each of the theta_h rows of a MERL table, edges (k / n)^2 90 degrees, has its share of half vectors,
     spread evenly over the row's solid angle."""
@@ -265,7 +282,17 @@ class EdwardsLobe(Lobe):
 
 KINDS: dict[str, type[Lobe]] = {
     lobe.kind: lobe
-    for lobe in (Diffuse, AshikhminShirleyLobe, WardLobe, AbcLobe, EdwardsLobe, GgxLobe, TabulatedLobe, SgdLobe)
+    for lobe in (
+        Diffuse,
+        AshikhminShirleyLobe,
+        WardLobe,
+        AbcLobe,
+        EdwardsLobe,
+        GgxLobe,
+        Gtr1Lobe,
+        TabulatedLobe,
+        SgdLobe,
+    )
 }
 
 

@@ -1,5 +1,6 @@
 """Settings from YAML, completed and checked against a JSON schema. Every fault is one line: file, key, remedy."""
 
+import json
 import re
 from collections.abc import Mapping
 from copy import deepcopy
@@ -9,6 +10,8 @@ from typing import Any
 import jsonschema
 import yaml
 
+from brdfatlas.files import check_regular
+
 #: Names that become folders, wildcards and addresses: nothing that a shell, a path or a page could misread.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\Z")
 
@@ -17,18 +20,40 @@ class ConfigError(ValueError):
     """The configuration cannot be used; the message is one line that names file, key and remedy."""
 
 
+class _Loader(yaml.SafeLoader):
+    """YAML whose keys are text and stand once."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[str, Any]:
+        seen = set()
+        for key, _ in node.value:
+            if key.tag == "tag:yaml.org,2002:merge":
+                continue
+            text = isinstance(key, yaml.ScalarNode) and key.tag == "tag:yaml.org,2002:str"
+            fault = "is no text, quote it" if not text else "stands twice" if key.value in seen else ""
+            if fault:
+                shown = key.value if isinstance(key, yaml.ScalarNode) else "a list"
+                raise yaml.constructor.ConstructorError(None, None, f"key {shown!r} {fault}", key.start_mark)
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
 def read_yaml(path: str | Path) -> Any:
-    """Parse a YAML file. ConfigError names the file and the line of a syntax error."""
+    """Parse a YAML file. ConfigError names the file and the line of a syntax error, and of a key that is no text or
+    stands twice."""
+    if not Path(path).exists():
+        raise ConfigError(f"{path}: no such file")
+    if not Path(path).is_file():
+        raise ConfigError(f"{path}: not a regular file")
     try:
-        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ConfigError(f"{path}: no such file") from None
+        return yaml.load(check_regular(path).read_text(encoding="utf-8"), _Loader)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
-    except yaml.YAMLError as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark else ""
-        raise ConfigError(f"{path}: {where}not YAML ({getattr(error, 'problem', None) or error})") from None
+        raise ConfigError(f"{path}: {where}not usable YAML ({getattr(error, 'problem', None) or error})") from None
 
 
 def complete(value: Any, schema: Mapping[str, Any]) -> Any:
@@ -47,22 +72,45 @@ def complete(value: Any, schema: Mapping[str, Any]) -> Any:
     return value
 
 
+#: An integer is written as one: 1.0e+30 is none.
+_TYPES = jsonschema.Draft202012Validator.TYPE_CHECKER.redefine(
+    "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
+)
+_Validator = jsonschema.validators.extend(jsonschema.Draft202012Validator, type_checker=_TYPES)
+
+
 def check(value: Any, schema: Mapping[str, Any], source: str) -> Any:
     """Completed ``value``, or ConfigError with the first fault: file, key, what is wrong, what is allowed."""
     value = complete({} if value is None else value, schema)
-    errors = sorted(jsonschema.Draft202012Validator(schema).iter_errors(value), key=lambda e: list(map(str, e.path)))
+    errors = sorted(_Validator(schema).iter_errors(value), key=lambda e: list(map(str, e.path)))
     if not errors:
         return value
     error = errors[0]
     key = ".".join(map(str, error.absolute_path)) or "(top level)"
     known = ", ".join(error.schema.get("properties", {})) if error.validator == "additionalProperties" else ""
     message = error.message if len(error.message) < 200 else error.message[:200] + " ..."
-    help_text = f"; known keys: {known}" if known else _meaning(error.schema)
+    help_text = f"; known keys: {known}" if known else _allowed(error.schema)
     raise ConfigError(f"{source}: {key}: {message}{help_text}".replace("\n", " "))
 
 
-def _meaning(schema: Mapping[str, Any]) -> str:
-    return f" ({schema['description']})" if "description" in schema else ""
+def _allowed(schema: Mapping[str, Any]) -> str:
+    low, high = schema.get("minimum"), schema.get("maximum")
+    limits = f"; allowed: {low} to {high}" if None not in (low, high) else ""
+    return limits + (f" ({schema['description']})" if "description" in schema else "")
+
+
+def typed(value: Any, schema: Mapping[str, Any]) -> Any:
+    """``value`` with text read as number or boolean where the schema wants one: what Snakemake's ``--config`` gives for
+    ``strict=true`` and ``'render={size: 32}'``."""
+    if isinstance(value, Mapping):
+        parts = schema.get("properties", {})
+        return {key: typed(item, parts.get(key, {})) for key, item in value.items()}
+    if isinstance(value, str) and schema.get("type") in ("integer", "number", "boolean"):
+        try:
+            return json.loads(value)
+        except ValueError:
+            return value
+    return value
 
 
 def check_name(name: str, source: str) -> str:

@@ -13,8 +13,10 @@ from PIL import Image
 
 from brdfatlas.figures.pictures import apply_colours, encode_hdr, picture_file, write_bars, write_webp
 from brdfatlas.files import write_text
+from brdfatlas.fits import Fit
 from brdfatlas.models import MODELS
 from brdfatlas.reports.data import Material, SceneFacts, read_material
+from brdfatlas.reports.fit_files import write_fit_files
 from brdfatlas.reports.site import write_assets, write_compare, write_index, write_material_page, write_model_page
 
 TOY_MODEL = """
@@ -134,6 +136,11 @@ class Run:
         write_assets(self.reports / "assets")
         write_bars(self.reports / "assets")
         for material in self.materials:
+            write_fit_files(
+                [self.root / f"results/fits/{material}/{model}.npz" for model in self.models],
+                self.reports / f"materials/{material}/fits",
+            )
+        for material in self.materials:
             self.write_material(material)
         for model in self.models:
             self.write_model(model)
@@ -245,6 +252,8 @@ def make_run(
                         "parameters": {"kd": rng.uniform(0, 1, 3).tolist(), "n": (10 ** rng.uniform(0, 4, 4)).tolist()},
                     }
                 (folder / f"{model}.json").write_text(json.dumps(fit))
+                if pictures:
+                    save_fit(folder / f"{model}.npz", model, material, {} if bad else fit["parameters"], standin)
         write_table(results / f"errors/{material}.tsv", ["material", "model", "scene", "status", *MEASURES], rows)
         write_table(results / f"errors/{material}.brdf.tsv", ["material", "model", *BRDF_MEASURES], brdf)
         if pictures:
@@ -272,9 +281,33 @@ def make_run(
     return Run(root, list(materials), list(models), facts, failed)
 
 
+def save_fit(path: Path, model: str, material: str, parameters: dict, standin: bool) -> None:
+    """The fit's file; an empty one for a fit that failed."""
+    if parameters:
+        arrays = {name: np.asarray(values, np.float32) for name, values in parameters.items()}
+        Fit(model, material, arrays, standin=standin).save(path)
+    else:
+        path.write_bytes(b"")
+
+
 def write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     lines = ["\t".join(columns)] + ["\t".join(str(value) for value in row) for row in rows]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_made_up_curves(folder: Path, models: Sequence[str]) -> None:
+    """Numbers of the page's charts: functions of the first three models, lobes of all, a narrow peak among them."""
+    angle, out = np.linspace(0.5, 89.5, 40), np.linspace(-89, 89, 90)
+    ndf = {name: {"x": angle.tolist(), "y": (10 ** (5 - angle / 8 - i)).tolist()} for i, name in enumerate(models[:3])}
+    fresnel = {name: {"x": angle.tolist(), "y": (0.05 + (angle / 90) ** 5).tolist()} for name in models[:3]}
+    functions = [
+        {"title": "Fresnel F", "axis": "θd", "unit": "", "log": False, "models": fresnel},
+        {"title": "Normal distribution D", "axis": "θh", "unit": "1/sr", "log": True, "models": ndf},
+    ]
+    peak = [(0.05 + 1e4 * np.exp(-(((out - a) / 3) ** 2))).tolist() for a in (15, 40, 65)]
+    lobes = {"incidence": [15, 40, 65], "x": [out.tolist()] * 3, "reference": peak}
+    lobes["models"] = {name: peak for name in models}
+    write_text(folder / "curves.js", f"window.ATLAS_CURVES({json.dumps({'functions': functions, 'lobes': lobes})});\n")
 
 
 def make_pictures(
@@ -300,6 +333,7 @@ def make_pictures(
                         picture_file(folder, scene, model, kind),
                         apply_colours(np.abs(image - reference).mean(-1), ramp, mask),
                     )
+    write_made_up_curves(folder, [model for model in models if model != failed])
     curve = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 600 260">'
     curve += '<path d="M10 250C90 10 200 240 590 250" stroke="#333" fill="none"/></svg>'
     (folder / "lobes.svg").write_text(curve)

@@ -63,12 +63,13 @@ def test_tabulate_errors(run_rule, finished_run):
         mean = rows.loc[model, "psnr_db"].mean()
         assert summary.loc[(model, "all", "all"), "psnr_db_mean"] == pytest.approx(mean, rel=1e-5)  # 6 digits
         assert summary.loc[(model, "all", "all"), "standins"] == summary.loc[(model, "all", "all"), "count"] == 2
-    wins = read_tsv(finished_run.root / "results" / "tables" / "wins.tsv").set_index(["model", "other", "class"])
+    wins = read_tsv(finished_run.root / "results" / "tables" / "wins.tsv")
+    wins = wins[wins["measure"] == "psnr_db"].set_index(["model", "other", "class"])
     difference = rows.loc["ggx", "psnr_db"].to_numpy() - rows.loc["gaussian", "psnr_db"].to_numpy()
     row = wins.loc[("ggx", "gaussian", "all")]
     assert row["wins"] == (difference > 2).sum()
     assert row["losses"] == (difference < -2).sum()
-    assert row["mean_difference_db"] == pytest.approx(difference.mean(), abs=1e-3)
+    assert row["mean_difference"] == pytest.approx(difference.mean(), abs=1e-3)
 
 
 def test_draw_pictures(run_rule, finished_run):
@@ -121,7 +122,8 @@ def test_draw_summary(run_rule):
 
 def test_write_standings(run_rule, finished_run):
     page = run_rule("write_standings", "reports/standings.html").read_text()
-    wins = read_tsv(finished_run.root / "reports" / "data" / "wins.tsv").set_index(["model", "other", "class"])
+    wins = read_tsv(finished_run.root / "reports" / "data" / "wins.tsv")
+    wins = wins[wins["measure"] == "de00_mean"].set_index(["model", "other", "class"])
     row = wins.loc[("ggx", "gaussian", "all")]
     assert f"{row['wins']:.0f} – {row['ties']:.0f} – {row['losses']:.0f}" in page
     assert "stand-ins, not measurements" in page

@@ -10,7 +10,8 @@ import pytest
 from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.files import read_json
 from brdfatlas.fits import fit, load_fit
-from brdfatlas.measured import Measured, write_merl
+from brdfatlas.formats.merl import write_merl
+from brdfatlas.measured import Measured
 from brdfatlas.measures.physics import physics_checks
 from brdfatlas.models import MODELS, Entry, Registry, load_model_file, read_entries
 from brdfatlas.models.base import FitError, Model, Option
@@ -186,11 +187,35 @@ def test_a_fit_without_a_value_where_the_material_has_one_has_failed(tmp_path):
     assert Path(files[1]).read_bytes() == b""
 
 
+def test_a_model_of_one_s_own_is_sampled_drawn_and_shown_as_it_says(tmp_path):
+    """The example's sampler, function and factors reach export, figure and viewer, none of which knows its name."""
+    from test_sampling import chi_square, outgoing
+
+    from brdfatlas.export.sampler import export_sampler
+    from brdfatlas.export.uber_texture import has_row
+    from brdfatlas.figures.functions import plot_functions
+    from brdfatlas.reports.viewer import RHO_D_AT, factor_rows
+    from brdfatlas.sampling import load_sampler
+
+    entry = Entry("mine", "lambertian", source=str(EXAMPLE))
+    fit(entry, constant_material()).save(tmp_path / "mine.npz")
+    fitted = load_fit(tmp_path / "mine.npz")
+    export_sampler(fitted, tmp_path / "sampler.json")
+    p_value, missing, _ = chi_square(load_sampler(tmp_path / "sampler.json"), outgoing(50))
+    assert p_value > 1e-4
+    assert abs(missing) < 1e-3
+    assert plot_functions(fitted, tmp_path / "functions.svg")
+    assert "M" in {function.symbol for function in fitted.functions()}
+    rows = factor_rows(fitted.factors())
+    np.testing.assert_allclose(rows[0, RHO_D_AT, :3], GREY, rtol=1e-6)
+    assert not has_row(entry.instance), "it has no G, so no row among the factors of Bagher et al. 2016"
+
+
 def test_the_document_names_what_exists():
     """Every attribute the document explains is one of Model, and every file it links to is there."""
     text = (ROOT / "docs" / "add-a-model.md").read_text()
     for cell in re.findall(r"^\| (`[^|]*`) \|", text, re.MULTILINE):
         for attribute in re.findall(r"`(\w+)`", cell):
-            assert attribute in Model.__annotations__, attribute
+            assert attribute in Model.__annotations__ or callable(getattr(Model, attribute, None)), attribute
     for target in re.findall(r"\]\(([^)]+)\)", text):
         assert (ROOT / "docs" / target).exists(), target

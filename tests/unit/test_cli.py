@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import brdfatlas
+from brdfatlas import read_merl
 from brdfatlas.cli import main, parse_options
-from brdfatlas.measured import read_merl, write_merl
+from brdfatlas.formats.merl import write_merl
 
 
 @pytest.fixture(scope="module")

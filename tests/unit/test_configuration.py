@@ -1,12 +1,13 @@
 """Configuration: defaults, and one clear line with file, key and remedy for every fault."""
 
+import os
 from pathlib import Path
 
 import pytest
 import yaml
 
 from brdfatlas.files import write_json
-from brdfatlas.measured import FILE_BYTES, write_merl
+from brdfatlas.formats.merl import FILE_BYTES, write_merl
 from brdfatlas.models import read_entries
 from brdfatlas.pipeline.configuration import (
     ConfigError,
@@ -62,6 +63,15 @@ def test_every_key_has_default_and_description_and_is_explained():
         ({"render": {"samples": 0}}, ["render.samples", "0"]),
         ({"render": {"batches": 2}}, ["render.batches", "minimum of 3"]),
         ({"strict": "yes"}, ["strict", "boolean"]),
+        ({"seed": -1}, ["seed", "-1", "allowed: 0 to 2147483647"]),
+        ({"seed": 2**32}, ["seed", "4294967296", "allowed: 0 to 2147483647"]),
+        ({"render": {"seed": 2**32}}, ["render.seed", "allowed: 0 to 2147483647"]),
+        ({"render": {"size": 8}}, ["render.size", "8", "allowed: 16 to 4096"]),
+        ({"render": {"size": 100_000}}, ["render.size", "100000", "allowed: 16 to 4096"]),
+        ({"render": {"samples": 1.0e30}}, ["render.samples", "1e+30", "integer"]),
+        ({"render": {"samples": 10**30}}, ["render.samples", "allowed: 3 to 1048576"]),
+        ({"render": {"samples": True}}, ["render.samples", "integer"]),
+        ({"merl_folder": "config/config.yaml"}, ["merl_folder", "config/config.yaml", "not a folder"]),
         ({"materials": "chrome"}, ["materials"]),
     ],
 )
@@ -81,6 +91,42 @@ def test_yaml_faults_name_file_and_line(tmp_path):
         read_yaml(tmp_path / "bad.yaml")
     with pytest.raises(ConfigError, match="no such file"):
         read_yaml(tmp_path / "absent.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("seed: 1\nseed: 2\n", "line 2: .*'seed' stands twice"),
+        ("render: {size: 16, size: 32}\n", "line 1: .*'size' stands twice"),
+        ("!!binary c2VlZA==: 1\n", "line 1: .*is no text"),
+        ("1: 2\n", "line 1: .*'1' is no text"),
+        ("[a]: 2\n", "line 1: .*is no text"),
+        ("seed: 99999-99-99999\ndate: 2026-99-99\n", "not usable YAML"),
+    ],
+)
+def test_keys_of_yaml_are_text_and_stand_once(tmp_path, text, words):
+    (tmp_path / "bad.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=rf"bad\.yaml: .*{words}|bad\.yaml: {words}") as caught:
+        read_yaml(tmp_path / "bad.yaml")
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_no_text_file_is_named(tmp_path):
+    (tmp_path / "latin.yaml").write_bytes(b"a: \xe4\n")
+    with pytest.raises(ConfigError, match=r"latin\.yaml: not UTF-8"):
+        read_yaml(tmp_path / "latin.yaml")
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(ConfigError, match=r"pipe\.yaml: not a regular file"):
+        read_yaml(tmp_path / "pipe.yaml")
+
+
+def test_words_of_the_command_line_become_what_the_key_wants():
+    """Snakemake hands on text inside of mappings, and booleans that are not written as in Python."""
+    config = read_config({"strict": "true", "render": {"size": "32"}, "materials": ["12"], "merl_folder": "12"})
+    assert config["strict"] is True
+    assert config["render"]["size"] == 32
+    assert config["materials"] == ["12"]
+    assert config["merl_folder"] == "12"
 
 
 @pytest.mark.parametrize(
@@ -166,7 +212,7 @@ def test_bad_materials_are_left_out_with_a_reason_and_recorded_verdicts_are_beli
     assert all(item.path in item.reason for item in left_out)
 
     write_json(checks, verdicts)
-    monkeypatch.setattr("brdfatlas.pipeline.materials.read_merl", lambda path: pytest.fail("read again"))
+    monkeypatch.setattr("brdfatlas.pipeline.materials.read", lambda path: pytest.fail("read again"))
     assert find_materials(config, "standins", checks) == (usable, left_out, verdicts)
     with pytest.raises(ConfigError, match="strict"):
         find_materials(config | {"strict": True}, "standins", checks)

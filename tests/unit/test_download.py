@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from brdfatlas import read_merl
 from brdfatlas.angles import GRID_SHAPE
-from brdfatlas.measured import FILE_BYTES, check_header, read_merl
+from brdfatlas.formats.merl import FILE_BYTES, check_header
 from brdfatlas.pipeline import download as dl
 from brdfatlas.pipeline.download import DownloadError, Remote, download, fetch_asset, fetch_merl, unpack_merl
 

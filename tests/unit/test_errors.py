@@ -9,6 +9,7 @@ import pytest
 
 from brdfatlas.measures import errors
 from brdfatlas.measures.errors import Tone
+from brdfatlas.measures.ranking import RANKED
 from brdfatlas.measures.tsv import read_tsv, write_tsv
 from brdfatlas.rendering.images import Render, save_render
 
@@ -119,7 +120,7 @@ def test_every_measure_gets_worse_with_a_larger_perturbation():
     pattern = np.random.default_rng(6).normal(0, 1, truth.shape)
     steps = [errors.image_errors(a, render(truth * (1 + s * pattern), mask, silent), TONE) for s in (0.02, 0.05, 0.12)]
     for name in errors.IMAGE_MEASURES:
-        if name == "psnr_se_db":
+        if name in errors.PAIR_ERRORS:
             continue
         series = [step[name] for step in steps]
         better_is_higher = name.startswith("psnr") or name == "ssim"
@@ -259,7 +260,7 @@ def renders(tmp_path):
 
 def test_a_material_s_table_has_a_row_for_everything_and_failures_do_not_stop_it(renders, tmp_path):
     tones = {"one": TONE, "two": Tone(2.0, 2.0)}
-    table = errors.material_errors("stuff", ["failing", "good", "broken"], tones, renders)
+    table, _ = errors.material_errors("stuff", ["failing", "good", "broken"], tones, renders)
     assert list(table.columns) == ["material", "model", "scene", "status", *errors.IMAGE_MEASURES]
     assert list(table.model) == [m for m in ("failing", "good", "broken", "reference_again") for _ in range(2)]
     rows = table.set_index(["model", "scene"])
@@ -299,3 +300,73 @@ def test_brdf_measures_are_zero_for_the_table_itself_and_grow():
         assert same[name] == 0 < near[name] < far[name], name
     # a scale of 1 + e is a relative squared error of e^2 whatever the weights
     assert near["objective_compressive"] == pytest.approx(0.02**2, rel=1e-3)
+
+
+def picture_set(rng, n=8, size=72):
+    """A reference and two fits with a common error and noise that is half common, as from common random numbers."""
+    truth, mask = scene(size)
+    common, *own = rng.normal(0, 0.15, (3, n, *truth.shape))
+    reference = render(truth, mask, common)
+    changes = (1.1 * truth + 0.02, 1.14 * truth + 0.01)
+    return reference, [render(f, mask, 1.5 * common + 0.1 * noise) for f, noise in zip(changes, own, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def repeats():
+    """Measures of two fits of a picture in 60 repeats: values (60, 2, measures), their standard errors, and those of
+    the differences (60, measures)."""
+    rng, values, single, joint = np.random.default_rng(20), [], [], []
+    keys = [(measure.key, measure.error) for measure in RANKED.values()]
+    for _ in range(60):
+        reference, images = picture_set(rng)
+        picture = errors.Picture(reference, TONE)
+        (a, spread), (b, other) = (picture.errors(image) for image in images)
+        values.append([[row[key] for key, _ in keys] for row in (a, b)])
+        single.append([[row[error] for _, error in keys] for row in (a, b)])
+        joint.append([spread.joint(other)[error] for _, error in keys])
+    return np.array(values), np.array(single), np.array(joint)
+
+
+def test_standard_errors_are_those_of_repeated_pictures(repeats):
+    """Of dE00, FLIP, SSIM and PSNR: the scatter over repeats has a relative error of 1 / sqrt(120), 9 %, and an
+    estimate by halves is that of the mean over n/2 batches, halved: 25 % off where a measure bends under noise."""
+    values, single, _ = repeats
+    ratio = np.sqrt((single**2).mean(0)) / values.std(0, ddof=1)
+    assert (ratio > 0.65).all(), ratio
+    assert (ratio < 1.5).all(), ratio
+
+
+def test_a_difference_has_its_own_error_which_two_independent_ones_do_not_add_up_to(repeats):
+    values, single, joint = repeats
+    scatter = (values[:, 0] - values[:, 1]).std(0, ddof=1)
+    ratio = np.sqrt((joint**2).mean(0)) / scatter
+    assert (ratio > 0.65).all(), ratio
+    assert (ratio < 1.5).all(), ratio
+    independent = np.hypot(*np.sqrt((single**2).mean(0)))
+    assert (independent > 1.3 * scatter).all(), independent / scatter  # the shared noise cancels in the difference
+
+
+def test_what_is_looked_at_around_the_mask_does_not_change_a_measure():
+    """The box around the mask leaves out only what no filter reaches."""
+    truth, mask = scene(60)
+    wide, cover = np.ones((200, 180, 3)), np.zeros((200, 180), bool)
+    wide[70:130, 50:110], cover[70:130, 50:110] = truth, mask
+    noise = np.random.default_rng(21).normal(0, 0.1, (4, *wide.shape))
+    a, b = render(wide, cover, 0 * noise), render(1.1 * wide, cover, noise)
+    found = errors.image_errors(a, b, TONE)
+    shown, compared = errors.displayed(a, b, TONE)
+    assert found["flip_mean"] == pytest.approx(errors.flip_map(shown, compared)[cover].mean(), rel=1e-4)
+    assert found["ssim"] == pytest.approx(errors.ssim_map(shown, compared)[cover].mean(), rel=1e-5)
+
+
+def test_pairs_are_told_of_all_models_that_have_a_picture(renders):
+    tones = {"one": TONE, "two": Tone(2.0, 2.0)}
+    _, pairs = errors.material_errors("stuff", ["good", "failing", "broken", "good"], tones, renders)
+    assert pairs.empty
+    for scene_name in tones:
+        (renders / "copy").mkdir(exist_ok=True)
+        (renders / "copy" / f"{scene_name}.exr").write_bytes((renders / "good" / f"{scene_name}.exr").read_bytes())
+    _, pairs = errors.material_errors("stuff", ["good", "failing", "copy"], tones, renders)
+    assert list(pairs.columns) == ["material", "scene", "model", "other", *errors.PAIR_ERRORS]
+    assert list(zip(pairs["scene"], pairs["model"], pairs["other"])) == [(s, "good", "copy") for s in tones]
+    assert (pairs[list(errors.PAIR_ERRORS)] == 0).all(axis=None), "equal pictures differ by exactly nothing"

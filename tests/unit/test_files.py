@@ -35,7 +35,7 @@ def test_pickles_are_neither_written_nor_read(tmp_path):
     with pytest.raises(ValueError, match="allow_pickle"):
         files.write_npz(tmp_path / "x.npz", {"a": np.array([{}], object)})
     np.savez(tmp_path / "evil.npz", a=np.array([{}], object))
-    with pytest.raises(ValueError, match="allow_pickle"):
+    with pytest.raises(ValueError, match=r"evil.npz: .*a.npy holds Python objects"):
         files.read_npz(tmp_path / "evil.npz")
 
 

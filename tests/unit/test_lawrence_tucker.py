@@ -341,7 +341,7 @@ def test_measured_like_materials_in_the_order_of_the_papers():
     import sys
     import tempfile
 
-    from brdfatlas.measured import read_merl
+    from brdfatlas import read_merl
 
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, tool, folder, "chrome", "alum-bronze"], check=True, capture_output=True)

@@ -5,19 +5,10 @@ import os
 import numpy as np
 import pytest
 
+from brdfatlas import read_merl
 from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes, half_difference
-from brdfatlas.measured import (
-    FILE_BYTES,
-    HEADER_BYTES,
-    N_CELLS,
-    SCALE,
-    MeasuredError,
-    extend,
-    extension_index,
-    look_up,
-    read_merl,
-    write_merl,
-)
+from brdfatlas.formats.merl import FILE_BYTES, HEADER_BYTES, SCALE, write_merl
+from brdfatlas.measured import N_CELLS, Measured, MeasuredError, extend, extension_index, look_up
 
 
 @pytest.fixture(scope="module")
@@ -58,11 +49,31 @@ def test_layout_is_planar_with_phi_fastest(path, table):
         assert stored[channel * N_CELLS + index] * SCALE[channel] == pytest.approx(table[3, 5, 7, channel], rel=1e-6)
 
 
-def test_a_cell_is_invalid_if_any_channel_is_negative(path):
-    damage(path, HEADER_BYTES + 8 * (2 * N_CELLS + 90), np.array([-0.001], "<f8").tobytes())
+def test_a_cell_is_invalid_only_if_all_channels_are_negative(path):
+    """A single negative channel is a colour outside the gamut: 0, counted, and no reason to throw the cell away."""
+    one = HEADER_BYTES + 8 * 90
+    damage(path, one + 16 * N_CELLS, np.array([-0.001], "<f8").tobytes())
+    measured = read_merl(path)
+    assert measured.table[0, 0, 90, 2] == 0
+    assert (measured.table[0, 0, 90, :2] > 0).all()
+    np.testing.assert_array_equal(measured.valid, above_horizon())
+    assert measured.provenance.shares["out of gamut"] == pytest.approx(1 / above_horizon().sum())
+    for channel in range(3):
+        damage(path, one + 8 * channel * N_CELLS, np.array([-0.001], "<f8").tobytes())
     measured = read_merl(path)
     assert np.isnan(measured.table[0, 0, 90]).all()
     assert measured.valid.sum() == above_horizon().sum() - 1
+
+
+def test_measured_can_be_compared(path, table):
+    """Equal by name, kind and values; a comparison of arrays raises nothing."""
+    one, other = read_merl(path), read_merl(path)
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one != Measured("other", one.table)
+    assert one != Measured("smooth", one.table, standin=True)
+    assert one != Measured("smooth", np.nan_to_num(one.table))
+    assert one != "smooth"
 
 
 @pytest.mark.parametrize(

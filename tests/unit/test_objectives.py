@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from brdfatlas import objectives
-from brdfatlas.angles import above_horizon, grid_axes, grid_cosines
+from brdfatlas.angles import above_horizon, grid_axes, grid_cosines, half_difference, theta_h_centres
 
 
 @pytest.fixture(scope="module")
@@ -72,3 +72,28 @@ def test_measures_are_zero_for_equal_tables_grow_with_the_error_and_ignore_inval
 
 def test_log_deviation_is_symmetric(table):
     assert objectives.log_deviation(table, table * 2) == objectives.log_deviation(table * 2, table)
+
+
+def test_e2_is_a_mean_over_direction_pairs_and_not_over_the_cells_of_the_file():
+    """An error of 1 in ln(1 + rho cos) in one channel scores the share of random direction pairs that show it."""
+    rng = np.random.default_rng(0)
+    z, phi = rng.random((2, 200_000)), 2 * np.pi * rng.random((2, 200_000))
+    sine = np.sqrt(1 - z**2)
+    wi, wo = np.stack([sine * np.cos(phi), sine * np.sin(phi), z], -1)
+    theta_h, theta_d, _ = half_difference(wi, wo)
+    limit = np.deg2rad(80)
+    counted = (theta_h <= limit) & (theta_d <= limit)
+    base = np.where(above_horizon()[..., None], np.float32(0.1), np.float32(np.nan)) * np.ones(3, np.float32)
+    cos_i = np.maximum(grid_cosines()[0], np.float32(1e-4))
+    for edge in (5, 22, 50):
+        inside = theta_h_centres() <= np.deg2rad(edge)
+        changed = base.copy()
+        shifted = (np.exp(1 + np.log1p(base[..., 0] * cos_i)) - 1) / cos_i
+        changed[inside, ..., 0] = shifted[inside]
+        share = (counted & (theta_h <= np.deg2rad(edge))).sum() / counted.sum()
+        spread = np.sqrt(share * (1 - share) / counted.sum())
+        # random pairs within four standard errors, and half a cell of theta_h at the edge
+        cell = np.deg2rad(edge) * 2 / (90 * np.sqrt(edge / 90))
+        assert objectives.loew_e2(changed, base) == pytest.approx(
+            share, abs=4 * spread + 2 * share * cell / np.deg2rad(edge)
+        )

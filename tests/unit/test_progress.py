@@ -1,40 +1,39 @@
-"""The progress of a run, on a clock of our own."""
+"""The progress of a run, from events as Snakemake sends them; time is the events' own."""
 
-import io
 import logging
+import os
+import subprocess
+import sys
 
 import pytest
 
-from brdfatlas.pipeline.progress import Progress, duration
+from snakemake_logger_plugin_brdfatlas import LogHandler, duration
 
 
 class Run:
-    """Events as Snakemake sends them."""
-
-    def __init__(self, tmp_path, **options):
-        self.now, self.stream, self.recorded = 0.0, io.StringIO(), []
-        self.log = tmp_path / "progress.log"
-        self.progress = Progress(
-            self.log,
-            **{"cores": 2, "finished": self.recorded.extend, "environment": {}} | options,
-            stream=self.stream,
-            clock=lambda: self.now,
-        )
+    def __init__(self, monkeypatch, folder, **environment):
+        monkeypatch.chdir(folder)
+        monkeypatch.delenv("CI", raising=False)
+        for name, value in environment.items():
+            monkeypatch.setenv(name, value)
+        self.now, self.log = 1_700_000_000.0, folder / "results" / "progress.log"
+        self.progress = LogHandler(None, None)
 
     def send(self, event, **fields):
-        self.progress.handle(logging.makeLogRecord({"event": event, **fields}))
+        self.progress.handle(logging.makeLogRecord({"event": event, "created": self.now, **fields}))
 
-    def job(self, number, rule, seconds, outputs=(), fails=False):
-        self.send("job_info", jobid=number, rule_name=rule, output=list(outputs))
+    def job(self, number, rule, seconds, fails=False):
+        self.send("job_info", jobid=number, rule_name=rule)
         self.now += seconds
-        if fails:
-            self.send("job_error", jobid=number)
-        else:
-            self.send("job_finished", job_id=number)
+        self.send("job_error", jobid=number) if fails else self.send("job_finished", job_id=number)
 
 
-def test_time_left_is_jobs_times_the_mean_of_their_rule(tmp_path):
-    run = Run(tmp_path, cores=1)
+@pytest.fixture
+def run(monkeypatch, tmp_path):
+    return Run(monkeypatch, tmp_path)
+
+
+def test_time_left_is_jobs_times_the_mean_of_their_rule(run):
     run.send("run_info", stats={"fit_model": 10, "render_material": 5, "all": 1, "total": 16})
     assert run.progress.seconds_left() is None
     run.job(1, "fit_model", 2.0)
@@ -46,57 +45,64 @@ def test_time_left_is_jobs_times_the_mean_of_their_rule(tmp_path):
     assert f"{3 / 16 * 60:.1f} jobs a minute" in run.progress.line()
 
 
-def test_cores_that_were_busy_share_what_is_left(tmp_path):
-    run = Run(tmp_path, cores=2)
+def test_jobs_that_ran_beside_each_other_share_what_is_left(run):
     run.send("run_info", stats={"fit_model": 12, "total": 12})
     for first in (1, 3):
         for number in (first, first + 1):
-            run.send("job_info", jobid=number, rule_name="fit_model", output=[])
+            run.send("job_info", jobid=number, rule_name="fit_model")
         run.now += 5.0
         for number in (first, first + 1):
             run.send("job_finished", job_id=number)
     assert run.progress.seconds_left() == pytest.approx(8 * 5.0 / 2)
 
 
-def test_the_terminal_hears_now_and_then_and_the_log_the_same(tmp_path):
-    run = Run(tmp_path)
+def test_the_terminal_hears_now_and_then_and_the_log_the_same(run, capsys):
     run.send("run_info", stats={"fit_model": 100, "total": 100})
     for number in range(100):
         run.job(number, "fit_model", 6.0)
-    printed = run.stream.getvalue().splitlines()
+    printed = capsys.readouterr().err.splitlines()
     assert len(printed) == 10, "600 s, a line a minute where no person watches"
     logged = run.log.read_text().splitlines()
     assert [line.split(" ", 2)[2] for line in logged] == [line.removeprefix("progress: ") for line in printed]
 
 
-def test_ci_hears_the_end_only(tmp_path):
-    run = Run(tmp_path, environment={"CI": "true"})
+def test_ci_hears_the_end_only(monkeypatch, tmp_path, capsys):
+    run = Run(monkeypatch, tmp_path, CI="true")
     run.send("run_info", stats={"fit_model": 100, "total": 100})
     for number in range(100):
         run.job(number, "fit_model", 6.0, fails=number == 7)
-    assert run.stream.getvalue() == ""
-    run.progress.close_log()
-    (line,) = run.stream.getvalue().splitlines()
+    assert capsys.readouterr().err == ""
+    run.progress.close()
+    run.progress.close()
+    (line,) = capsys.readouterr().err.splitlines()
     assert "99 of 100 jobs" in line
     assert "1 failed" in line
 
 
-def test_outputs_are_passed_on_without_flags_and_only_of_finished_jobs(tmp_path):
-    run = Run(tmp_path)
-    run.send("run_info", stats={"render_material": 2, "total": 2})
-    run.job(1, "render_material", 1.0, ["results/renders/a/b/c.exr (update)", "results/x.json"])
-    run.job(2, "render_material", 1.0, ["results/y.json"], fails=True)
-    assert run.recorded == ["results/renders/a/b/c.exr", "results/x.json"]
-
-
-def test_a_full_disk_does_not_stop_the_run(tmp_path):
-    def full(paths):
-        raise OSError(28, "No space left on device")
-
-    run = Run(tmp_path, finished=full)
+def test_who_only_looks_leaves_no_trace(run, capsys):
+    """A dry run tells of jobs that it does not run."""
     run.send("run_info", stats={"fit_model": 1, "total": 1})
-    run.job(1, "fit_model", 1.0, ["a"])
+    run.send("job_info", jobid=1, rule_name="fit_model")
+    run.progress.close()
+    assert capsys.readouterr().err == ""
+    assert not run.log.exists()
+
+
+def test_a_full_disk_does_not_stop_the_run(run):
+    (run.log.parent).write_text("no folder")
+    run.send("run_info", stats={"fit_model": 1, "total": 1})
+    run.job(1, "fit_model", 100.0)
     assert run.progress.done["fit_model"] == 1
+
+
+def test_snakemake_finds_it_and_calls_it(tmp_path):
+    """The events of the Snakemake that is installed have the fields that are used here."""
+    (tmp_path / "Snakefile").write_text('rule fit_model:\n    output: "a"\n    shell: "touch {output}"\n')
+    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--logger", "brdfatlas"]
+    done = subprocess.run(command, cwd=tmp_path, env=os.environ | {"CI": "1"}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "progress: 1 of 1 jobs, fits 1 of 1" in done.stderr
+    assert "1 of 1 jobs" in (tmp_path / "results" / "progress.log").read_text()
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(0, "0 s"), (89, "89 s"), (420, "7 min"), (11_100, "3 h 05 min")])

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from brdfatlas.measures.errors import DETECTION, psnr
-from brdfatlas.measures.ranking import TOLD_APART, best_rows, count_missing, told_apart
+from brdfatlas.measures.ranking import RANKED, TOLD_APART, best_rows, count_missing, told_apart
 
 INF = float("inf")
 
@@ -73,9 +73,9 @@ def test_the_best_of_a_picture_is_shared_by_all_that_are_not_told_apart_from_it(
         ("b", "below", "s", "ok", 20.0, 0.1),
     ]
     models = ["top", "near", "below", "bound", "failed"]
-    best = best_rows(table(rows), models)
+    best = best_rows(table(rows), models, measure="psnr_db")
     assert set(zip(best["material"], best["model"])) == {("a", "top"), ("a", "near"), ("a", "bound"), ("b", "below")}
-    assert best_rows(table(rows)[:0], models).empty
+    assert best_rows(table(rows)[:0], models, measure="psnr_db").empty
 
 
 def test_a_model_lacks_what_any_other_has_and_not_what_all_lack():
@@ -89,3 +89,44 @@ def test_a_model_lacks_what_any_other_has_and_not_what_all_lack():
         ("c", "reference_again", "s", "ok", 99.0, 0.1),
     ]
     assert count_missing(table(rows), ["x", "y"]) == {"x": 1, "y": 0}
+
+
+def shared_noise(rng, truth=(3.0, 3.2), common=0.3, own=0.02):
+    """dE00 of two models of a picture whose errors are mostly shared, and the standard error of their difference."""
+    shift = rng.normal(0, common)
+    a, b = (value + shift + rng.normal(0, own) for value in truth)
+    rows = [("a", name, "s", "ok", value, np.hypot(common, own)) for name, value in (("x", a), ("y", b))]
+    errors = pd.DataFrame(rows, columns=["material", "model", "scene", "status", "de00_mean", "de00_se"])
+    pairs = pd.DataFrame({"material": ["a"], "scene": ["s"], "model": ["y"], "other": ["x"], "de00_se": [own * 2**0.5]})
+    return errors, pairs
+
+
+def test_models_of_one_picture_are_told_apart_by_the_error_of_their_difference():
+    """A difference of 7 of its own standard errors, half of one of two independent ones."""
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        errors, pairs = shared_noise(rng)
+        assert list(best_rows(errors, ["x", "y"], measure="de00_mean", pairs=pairs)["model"]) == ["x"]
+        assert list(best_rows(errors, ["x", "y"], measure="de00_mean")["model"]) == ["x", "y"]
+
+
+def test_equal_models_are_not_told_apart_by_the_error_of_their_difference():
+    rng, wrong = np.random.default_rng(2), 0
+    for _ in range(400):
+        errors, pairs = shared_noise(rng, truth=(3.0, 3.0))
+        wrong += len(best_rows(errors, ["x", "y"], measure="de00_mean", pairs=pairs)) < 2
+    assert 0.02 < wrong / 400 < 0.08  # two standard errors: 4.6 %
+
+
+@pytest.mark.parametrize(("measure", "better", "worse"), [("de00_mean", 2.0, 2.6), ("flip_mean", 0.1, 0.13)])
+def test_a_margin_is_a_ratio_of_errors_in_db(measure, better, worse):
+    ranked = RANKED[measure]
+    assert ranked.margin(better, worse) == pytest.approx(20 * np.log10(1.3))
+    assert ranked.margin(worse, better) == -ranked.margin(better, worse)
+    assert ranked.margin(0.0, worse) == INF
+    assert ranked.margin(0.0, 0.0) == 0
+
+
+def test_margins_of_ssim_and_psnr():
+    assert RANKED["ssim"].margin(0.99, 0.9) == pytest.approx(20)  # a tenth of the distance to 1
+    assert RANKED["psnr_db"].margin(45.0, 40.0) == 5

@@ -7,7 +7,8 @@ import pytest
 from rendering_materials import material, variant
 
 from brdfatlas.fits import fit
-from brdfatlas.measured import MeasuredError, extend, look_up, write_merl
+from brdfatlas.formats.merl import write_merl
+from brdfatlas.measured import MeasuredError, extend, look_up
 from brdfatlas.rendering import register
 from brdfatlas.rendering.density import LIST_LENGTH, sampling_density
 

@@ -8,7 +8,7 @@ import pytest
 from rendering_materials import material, variant
 
 from brdfatlas.fits import fit
-from brdfatlas.measured import write_merl
+from brdfatlas.formats.merl import write_merl
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "render_in_mitsuba.py"
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from rendering_materials import material, variant
 
+from brdfatlas import read_merl
 from brdfatlas.angles import above_horizon, directions, grid_axes, half_difference
 from brdfatlas.fits import Fit, fit
-from brdfatlas.measured import Measured, extend, fold, look_up, read_merl
+from brdfatlas.measured import Measured, extend, fold, look_up
 from brdfatlas.models import MODELS
 
 #: Options that make a fit quick.

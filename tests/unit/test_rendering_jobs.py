@@ -11,7 +11,8 @@ from rendering_materials import material, variant
 
 from brdfatlas.files import write_json
 from brdfatlas.fits import fit
-from brdfatlas.measured import Measured, MeasuredError, write_merl
+from brdfatlas.formats.merl import write_merl
+from brdfatlas.measured import Measured, MeasuredError
 from brdfatlas.rendering import jobs
 from brdfatlas.rendering.images import load_render, read_meta
 from brdfatlas.rendering.scenes import SceneError, load_scene, read_scenes

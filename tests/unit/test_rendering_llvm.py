@@ -2,12 +2,16 @@
 
 import ctypes.util
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from brdfatlas.rendering import llvm
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_the_found_library_is_new_enough():
@@ -45,20 +49,18 @@ def test_only_old_llvm_ends_in_one_message(tmp_path, monkeypatch):
     """What a machine with LLVM 14 alone gets: the advice, no abort, whether asked from Python or from make."""
     (tmp_path / "libLLVM-14.so").touch()
     monkeypatch.setattr(llvm, "_places", lambda: iter([tmp_path / "libLLVM-14.so"]))
-    monkeypatch.setattr(llvm, "_apt_prefix", lambda: None)
     monkeypatch.delenv(llvm.VARIABLE, raising=False)
-    for call in (llvm.use_libllvm, llvm.install):
-        with pytest.raises(llvm.LlvmError) as caught:
-            call()
-        message = str(caught.value)
-        assert "\n" not in message
-        assert all(word in message for word in ("Debian", "Ubuntu", "brew", "conda", llvm.VARIABLE))
-    assert llvm.main(["--install"]) == 1
+    with pytest.raises(llvm.LlvmError) as caught:
+        llvm.use_libllvm()
+    message = str(caught.value)
+    assert "\n" not in message
+    assert all(word in message for word in ("Debian", "Ubuntu", "brew", "conda", llvm.VARIABLE))
+    assert llvm.main() == 1
 
 
 def test_a_useless_choice_of_the_user_is_an_error(tmp_path):
     environment = os.environ | {llvm.VARIABLE: str(tmp_path / "libLLVM-15.so")}
-    command = [sys.executable, "-m", "brdfatlas.rendering.llvm", "--install"]
+    command = [sys.executable, "-m", "brdfatlas.rendering.llvm"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1
@@ -66,25 +68,44 @@ def test_a_useless_choice_of_the_user_is_an_error(tmp_path):
     assert done.stdout == ""
 
 
-def test_apt_is_asked_for_each_package_in_turn(monkeypatch):
-    """apt-get update first; a package that apt does not know is skipped; the first that works ends the search."""
-    found = [None, None]  # before the installation; then whatever is left in the list is what installing brings
+FAKES = {
+    "python": """#!/bin/sh
+case "$*" in *llvm*) test -e "$HOME/installed" && cat "$HOME/installed" || { echo advice >&2; exit 1; } ;; esac
+""",
+    "pip": "#!/bin/sh\n",
+    "sudo": "#!/bin/sh\nexit 1\n",
+    "apt-get": """#!/bin/sh
+echo "$*" >> "$HOME/asked"
+case "$*" in *$WORKS*) echo /usr/lib/libLLVM-18.so > "$HOME/installed" ;; *update*) ;; *) exit 100 ;; esac
+""",
+}
 
-    def find():
-        return found.pop(0) if found else "libLLVM-18.so"
 
-    calls = []
-
-    class Done:
-        def __init__(self, returncode):
-            self.returncode = returncode
-
-    monkeypatch.setattr(llvm, "find_libllvm", find)
-    monkeypatch.setattr(llvm, "_apt_prefix", lambda: ["sudo", "-n"])
-    monkeypatch.setattr(llvm.subprocess, "run", lambda command, **_: Done(0 if "libllvm19" not in command else 100))
-    monkeypatch.setattr(llvm, "_run", lambda command, environment: calls.append(command) or True)
-    found.pop()
-    assert llvm.install() == "libLLVM-18.so"
-    assert calls[0] == ["sudo", "-n", "apt-get", "-q", "update"]
-    assert calls[1][-1] == "libllvm20"
-    assert len(calls) == 2
+@pytest.mark.skipif(os.geteuid() != 0, reason="apt is asked where this user may install")
+@pytest.mark.parametrize(("works", "status"), [("libllvm18", 0), ("no package", 1)])
+def test_set_up_asks_apt_for_each_package_in_turn_and_stops_without_any(tmp_path, works, status):
+    """With a Python and an apt-get of our own: nothing is installed here."""
+    project, tools = tmp_path / "a project" / "here", tmp_path / "tools"
+    (project / "scripts").mkdir(parents=True)
+    tools.mkdir()
+    shutil.copy(ROOT / "scripts" / "setup", project / "scripts")
+    (project / "requirements.lock").touch()
+    (project / ".venv" / "bin").mkdir(parents=True)
+    for name, text in FAKES.items():
+        for folder in (tools, project / ".venv" / "bin"):
+            (folder / name).write_text(text)
+            (folder / name).chmod(0o755)
+    (tools / "python").unlink()
+    environment = {"PATH": f"{tools}:/usr/bin:/bin", "HOME": str(tmp_path), "WORKS": works, "PYTHON": sys.executable}
+    done = subprocess.run([project / "scripts" / "setup", "venv"], env=environment, capture_output=True, text=True)
+    assert done.returncode == status, done.stderr
+    asked = [line.split()[-1] for line in (tmp_path / "asked").read_text().splitlines() if " install " in f" {line}"]
+    assert asked[:2] == ["libllvm19", "libllvm20"]
+    if status == 0:
+        assert asked[-1] == works
+        assert done.stderr.splitlines()[-1] == "libLLVM: /usr/lib/libLLVM-18.so"
+    else:
+        assert done.stderr.splitlines()[-2:] == [
+            "advice",
+            "error: without a usable libLLVM nothing can be rendered; set-up stops here",
+        ]

@@ -1,6 +1,7 @@
 """Pages and PDF from the files of a made-up run: numbers, order, escaping, honesty, weight."""
 
 import base64
+import hashlib
 import io
 import itertools
 import json
@@ -16,24 +17,17 @@ import pytest
 from PIL import Image
 from pypdf import PdfReader
 
+from brdfatlas.figures.pareto import spread
 from brdfatlas.figures.pictures import decode_hdr
-from brdfatlas.files import write_text
 from brdfatlas.measures.ranking import best_rows
+from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, best_of, median, pareto_front, score_models
 from brdfatlas.models import MODELS
 from brdfatlas.reports import formats
-from brdfatlas.reports.data import (
-    MEASURES,
-    model_facts,
-    pareto_front,
-    physics_of,
-    published_row,
-    read_tsv,
-    score_models,
-    write_tsv,
-)
-from brdfatlas.reports.index_page import atlas_script, findings, run_tables
+from brdfatlas.reports.data import model_facts, physics_of, published_row, read_tsv, summarise_run, write_tsv
+from brdfatlas.reports.fit_files import write_fit_files
+from brdfatlas.reports.index_page import atlas_script, findings, run_tables, switch_settings
 from brdfatlas.reports.model_page import strip
-from brdfatlas.reports.pdf import spread, tile_columns, write_material_pdf, write_supplement
+from brdfatlas.reports.pdf import CAPTION, HEIGHT, WIDTH, tile_columns, write_material_pdf, write_supplement
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "browser"))
@@ -190,7 +184,7 @@ def test_failures_quirks_and_left_out_files_show(run):
     assert "12 bytes" in index
     assert "ours" in index
     assert "not reciprocal" in index
-    assert "noise floor" in index
+    assert "reference, other seed" in index
 
 
 def test_pages_show_the_numbers_of_their_tables(run):
@@ -215,7 +209,7 @@ def test_published_stand_beside_ours(tmp_path):
     path.write_text(json.dumps(json.loads(path.read_text()) | {"parameters": ours}))
     made.published = ROOT / "config" / "published" / "bilgili2011"
     text = Tags(made.write_material("chrome")).text
-    assert "Published against ours" in text
+    assert "published" in text
     table = pd.read_csv(made.reports / "data/materials/chrome/published.tsv", sep="\t")
     ward = table[table["model"] == "ward"].set_index("parameter")
     assert ward.loc["alpha_2", "ours"] == 0.8
@@ -232,37 +226,111 @@ def test_a_page_needs_its_own_material_only(tmp_path):
     assert "second" in Tags(made.write_material("first")).text
 
 
+def summary_of(run, materials=None):
+    return summarise_run(materials or run.read(), {name: model_facts(name) for name in run.models})
+
+
 def test_findings_name_the_best_model_of_those_that_have_every_picture(run):
-    """toy_03 has the highest mean, over the easier pictures: it lost a material."""
-    materials = run.read()
-    rows, tables = run_tables({}, materials, [model_facts(name) for name in run.models])
+    """toy_03 has the lowest colour difference, over the easier pictures: it lost a material."""
+    materials, summary = run.read(), summary_of(run)
+    rows, tables = run_tables({}, materials, summary)
     errors = tables["errors"].query("status == 'ok' and model != 'reference_again'")
-    means = errors.groupby("model")["psnr_db"].mean()
-    assert means.idxmax() == "toy_03"
-    means = means.drop("toy_03")
-    text = findings(materials, rows)
-    assert text.startswith(f"{MODELS[means.idxmax()].title} comes closest")
-    assert f"{means.max():.1f} dB" in text
+    middles = errors.groupby(["model", "material"])["de00_mean"].mean().groupby("model").median()
+    assert middles.idxmin() == "toy_03"
+    middles = middles.drop("toy_03")
+    text = findings(materials, summary)
+    assert text.startswith(
+        f"{MODELS[middles.idxmin()].title} comes closest to the references (ΔE00 {middles.min():.2f}"
+    )
     assert text.endswith("fewer pictures: Toy 3.")
-    best = [row["name"] for row in rows if row["best"].get("psnr_db")]
-    assert best == [means.idxmax()]
-    assert [row["missing"] for row in rows] == [0, 0, 0, len(run.scenes), 0]
+    best = [row["name"] for row in rows if LEADING.key in row["best"]]
+    assert best == [middles.idxmin()]
+    order = [row["name"] for row in rows]
+    assert order == [*middles.sort_values().index, "toy_03", "reference_again"], "best first, what lacks pictures last"
+    assert {row["name"]: row["missing"] for row in rows}["toy_03"] == len(run.scenes)
 
 
-def test_findings_have_words_for_an_infinite_mean_and_for_a_bound(run):
+def test_an_infinite_psnr_is_never_printed_as_a_word(run):
     materials = run.read()
     for material in materials:
         at = material.errors.index[material.errors["model"] == "toy_00"]
         material.errors.loc[at, ["psnr_db", "psnr_se_db"]] = (math.inf, 0.0)
-    rows, _ = run_tables({}, materials, [model_facts(name) for name in run.models])
-    text = findings(materials, rows)
-    assert text.startswith("Toy <b>0</b> comes closest to the references: no finite mean PSNR")
-    assert not re.search(r"\b(inf|nan)\b", text)
+    summary = summary_of(run, materials)
+    assert not re.search(r"\b(inf|nan)\b", findings(materials, summary))
+    assert formats.digits(summary.scores["toy_00"]["psnr_db"].median, 1) == "∞"
+
+
+def test_a_colour_difference_leads_and_psnr_does_not(run):
+    """A model with the highest PSNR everywhere and the largest colour difference is last."""
+    materials = run.read()
     for material in materials:
         at = material.errors.index[material.errors["model"] == "toy_00"]
-        material.errors.loc[at, ["psnr_db", "psnr_se_db"]] = (90.0, math.inf)
-    rows, _ = run_tables({}, materials, [model_facts(name) for name in run.models])
-    assert "at least 90.0 dB" in findings(materials, rows)
+        material.errors.loc[at, ["psnr_db", "de00_mean"]] = (300.0, 50.0)
+    summary = summary_of(run, materials)
+    assert summary.order()[-2:] == ["toy_00", "toy_03"]
+    assert summary.best() != ["toy_00"]
+    anything = [budget.key for budget in BUDGETS].index("any")
+    assert all(summary.recommend([material.name])[anything] != "toy_00" for material in materials)
+
+
+def test_values_that_print_alike_are_best_together():
+    assert best_of({"a": 0.001, "b": 0.004, "c": 0.01, "d": math.nan}, LEADING) == ["a", "b"]
+    assert best_of({}, LEADING) == []
+    assert median([3.0, None, 1.0, math.nan, 2.0, 9.0]) == 2.5, "of the known values, the mean of the middle two"
+
+
+def test_every_recommendation_meets_its_conditions_and_none_is_better(run):
+    """Brute force over the fits of each material."""
+    materials, summary = run.read(), summary_of(run)
+    script = atlas_script(materials, summary, run.scenes, run.reports / "materials")
+    for bits, switches in enumerate(switch_settings()):
+        assert [bool(bits & 2**i) for i in range(3)] == list(switches.values())
+        for j, material in enumerate(materials):
+            for b, budget in enumerate(BUDGETS):
+                fit = {
+                    name: summary.candidate(name, material.name)
+                    for name in run.models
+                    if summary.candidate(name, material.name) is not None
+                }
+                kept = [
+                    c.de00
+                    for c in fit.values()
+                    if (budget.bytes is None or c.bytes <= budget.bytes)
+                    and (c.targets or not budget.engine)
+                    and (c.reciprocal or not switches["reciprocal"])
+                    and not (switches["published"] and c.status.startswith("ours"))
+                    and (c.max_albedo <= 1.001 or not switches["energy"])
+                ]
+                place = script["recommended"][bits][j][b]
+                assert (place >= 0) == bool(kept)
+                if kept:
+                    assert fit[run.models[place]].de00 <= min(kept) + 0.01
+
+
+def test_fits_are_copied_with_their_parameters(tmp_path):
+    """Every good fit below reports/, readable again; what an earlier run left is removed."""
+    values = {"kd": np.full(3, 0.25, np.float32), "ks": np.full(3, 0.5, np.float32)}
+    values["alpha"] = np.full(3, 0.1, np.float32)
+    from brdfatlas import Fit, load_fit
+    from brdfatlas.export.fit_json import import_json
+
+    Fit("ward", "chrome", values).save(tmp_path / "ward.npz")
+    (tmp_path / "ggx.npz").write_bytes(b"")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "old.npz").write_bytes(b"left")
+    written = write_fit_files([tmp_path / "ward.npz", tmp_path / "ggx.npz"], tmp_path / "out")
+    assert written == sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert {"ward.npz", "ward.json"} <= set(written)
+    assert load_fit(tmp_path / "out" / "ward.npz") == import_json(tmp_path / "out" / "ward.json")
+
+
+def test_no_link_is_escaped_twice(run):
+    for path in run.reports.rglob("*.html"):
+        text = path.read_text(encoding="utf-8")
+        assert "&amp;amp;" not in text, path.name
+        for tag, attributes in Tags(path).tags:
+            if tag == "a" and "compare.html#" in attributes.get("href", ""):
+                assert re.search(r"#m=[^&;]+(&[a-z]=[^&;]+)*$", attributes["href"]), attributes["href"]
 
 
 def test_storage_is_what_the_fits_store(tmp_path):
@@ -273,19 +341,18 @@ def test_storage_is_what_the_fits_store(tmp_path):
         path.write_text(json.dumps(json.loads(path.read_text()) | {"bytes": stored}))
     path = tmp_path / "results/fits/felt/lawrence.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"status": "failed", "bytes": 9999}))
-    materials, facts = made.read(), [model_facts("lawrence")]
-    rows, tables = run_tables({}, materials, facts)
+    materials, summary = made.read(), summary_of(made)
+    rows, tables = run_tables({}, materials, summary)
     assert rows[0]["bytes"] == tables["models"]["bytes"][0] == 2304
     assert math.isnan(tables["models"]["free_parameters"].astype(float)[0]), "the material decides"
-    script = atlas_script(materials, facts, made.scenes)
-    atlas = json.loads(script.removeprefix("window.ATLAS=").rstrip(";\n"))
+    atlas = atlas_script(materials, summary, made.scenes, made.reports / "materials")
     assert atlas["bytes"] == [[3072], [1536], [2304], [None]]
     assert "1 536 to 3 072 bytes in this run" in Tags(made.write_model("lawrence")).text
 
 
 def test_script_of_the_index_holds_every_number(run):
     materials = run.read()
-    script = atlas_script(materials, [model_facts(name) for name in run.models], run.scenes)
+    script = (run.reports / "data/atlas.js").read_text()
     atlas = json.loads(script.removeprefix("window.ATLAS=").rstrip(";\n"))
     count = len(run.models) + 1
     for s, scene in enumerate(run.scenes):
@@ -297,7 +364,7 @@ def test_script_of_the_index_holds_every_number(run):
                     expected = rows.loc[(scene.name, model), measure.key]
                     assert value == pytest.approx(expected, rel=1e-3) if value is not None else math.isnan(expected)
     assert "<" not in script
-    best = best_rows(pd.concat(material.errors for material in materials), run.models)
+    best = best_rows(pd.concat(material.errors for material in materials), run.models, measure="psnr_db")
     assert len(atlas["best"]) == len(best) >= len(run.scenes) * len(materials)
 
 
@@ -317,56 +384,71 @@ def test_linear_light_travels_as_a_script(run):
 # --- PDF --------------------------------------------------------------------------------------------------------------
 
 
-def test_pdf_has_two_pages_a_material_and_is_reproducible(run):
-    def build(folder: Path) -> Path:
-        parts = []
-        for material in run.materials:
-            part = folder / f"{material}.pdf"
-            write_material_pdf(
-                part, **run.of(material), assets=run.reports / "assets", models=run.models, scenes=run.scenes
-            )
-            parts.append(part)
-        write_supplement(
-            folder / "all.pdf",
-            run_file=run.root / "results/run.json",
-            materials=run.read(),
-            parts=parts,
-            models=run.models,
-            scenes=run.scenes,
+def build_pdf(run, folder: Path) -> Path:
+    parts = []
+    for material in run.materials:
+        part = folder / f"{material}.pdf"
+        write_material_pdf(
+            part, **run.of(material), assets=run.reports / "assets", models=run.models, scenes=run.scenes
         )
-        return folder / "all.pdf"
+        parts.append(part)
+    record = run.root / "results/run.json"
+    write_supplement(
+        folder / "all.pdf", run_file=record, materials=run.read(), parts=parts, models=run.models, scenes=run.scenes
+    )
+    return folder / "all.pdf"
 
-    first = build(run.root / "pdf1")
-    assert first.read_bytes() == build(run.root / "pdf2").read_bytes(), "no clock, no chance"
+
+def test_pdf_has_its_pages_and_is_reproducible(run):
+    """Overview and models; then fits, the reference in every slot, curves and numbers, parameters of each material."""
+    first = build_pdf(run, run.root / "pdf1")
+    assert first.read_bytes() == build_pdf(run, run.root / "pdf2").read_bytes(), "no clock, no chance"
     parts = sum(path.stat().st_size for path in first.parent.glob("*.pdf") if path != first)
-    assert first.stat().st_size < parts + 60_000, "joining adds overview, contents and numbers, nothing unpacked"
+    assert first.stat().st_size < parts + 100_000, "joining adds overview and numbers, nothing unpacked"
     reader = PdfReader(first)
-    assert len(reader.pages) == 2 + 2 * len(run.materials)
-    texts = [page.extract_text() for page in reader.pages]
-    assert "Contents" in texts[1]
+    assert len(reader.pages) == 2 + 4 * len(run.materials)
+    texts = [" ".join(page.extract_text().split()) for page in reader.pages]
+    assert "Recommended model per budget" in texts[0]
+    assert "Contents" not in " ".join(texts), "no contents page for few materials"
     assert HOSTILE.split("&")[0].strip() in texts[2]
     assert "stand-in, not a measurement" in texts[2]
-    assert "stand-in, not a measurement" not in texts[6]
-    assert "no finite fit" in " ".join(texts[4].split())
-    assert texts[3].rstrip().endswith("4"), "pages are numbered"
-    links = [a.get_object() for a in reader.pages[1].get("/Annots", [])]
-    assert len(links) == len(run.materials)
-    titles = [item.title for item in reader.outline]
-    assert len(titles) == 1 + len(run.materials)
+    assert "stand-in, not a measurement" not in texts[2 + 4 * 2]
+    assert "no finite fit" in texts[2 + 4]
+    assert texts[3].endswith("4"), "pages are numbered"
+    assert "albedo" in texts[5], "parameters with their meaning"
+    assert next(item.title for item in reader.outline) == "Overview"
+    assert len(reader.outline) == 1 + len(run.materials)
 
 
-def test_pdf_shows_every_function_and_factor_on_its_two_pages(tmp_path):
-    models = toy_models(tmp_path / "toys", 11)
-    made = make_run(tmp_path, ["pvc"], models, ("studio",), size=24)
-    folder = tmp_path / "reports/materials/pvc"
-    for model in models:
-        write_text(folder / "functions" / f"{model}.svg", (folder / "lobes.svg").read_text())
-    page = tmp_path / "pvc.pdf"
-    write_material_pdf(page, **made.of("pvc"), assets=tmp_path, models=models, scenes=made.scenes)
-    pages = PdfReader(page).pages
-    assert len(pages) == 2
-    drawn = pages[1].extract_text().split("Numbers")[0]
-    assert all(MODELS[model].title in drawn for model in models)
+def test_paging_flips_between_fits_and_the_reference(run):
+    """The second page of a material has the same words at the same places, and one picture in every slot."""
+    made = build_pdf(run, run.root / "pdf3")
+    fits, flipped = PdfReader(made).pages[2:4]
+
+    def placed(page):
+        found = []
+        page.extract_text(visitor_text=lambda text, _cm, tm, _f, _s: found.append((text.strip(), tm[4], tm[5])))
+        return [item for item in found if item[0]]
+
+    first, second = placed(fits)[4:-4], placed(flipped)[4:-4]
+    titles = {MODELS[name].title for name in run.models}
+    assert {item for item in first if item[0] in titles} == {item for item in second if item[0] in titles}
+    pictures = [{hashlib.sha256(image.data).hexdigest() for image in page.images} for page in (fits, flipped)]
+    maps = len(run.models)
+    assert len(pictures[0]) == 1 + 2 * maps, "reference, renders, maps"
+    assert len(pictures[1]) == 1 + maps, "reference, maps"
+
+
+def test_a_long_pdf_has_contents_that_lead_to_its_materials(tmp_path):
+    models = toy_models(tmp_path / "toys", 2)
+    made = make_run(tmp_path, [f"m-{i:02d}" for i in range(13)], models, ("studio",), size=16)
+    reader = PdfReader(build_pdf(made, tmp_path / "pdf"))
+    assert "Contents" in reader.pages[2].extract_text()
+    links = [a.get_object() for a in reader.pages[2].get("/Annots", [])]
+    assert len(links) == len(made.materials)
+    heights = [float(link["/Rect"][1]) for link in links]
+    assert heights == sorted(heights, reverse=True), "a link over each line, from the top"
+    assert min(heights) > 0
 
 
 def test_labels_are_moved_apart_and_no_further():
@@ -383,7 +465,7 @@ def test_labels_are_moved_apart_and_no_further():
 def test_all_tiles_fit_one_page(models):
     columns = tile_columns(models + 1, models)
     rows = math.ceil((models + 1) / columns) + math.ceil(models / columns)
-    assert rows * (182 / columns + 3.2) <= 225, "A4 less margins, title and headings"
+    assert rows * (WIDTH / columns + CAPTION) <= HEIGHT, "A4 less margins, title and headings"
 
 
 def test_physics_of_a_fit_is_the_largest_albedo_and_none_where_it_was_not_checked():

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from brdfatlas import microfacet
+from brdfatlas import microfacet, read_merl
 from brdfatlas.angles import above_horizon, directions, grid_axes, grid_cosines
 from brdfatlas.fits import Fit, fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS, sgd
 from brdfatlas.models.single_lobe.abc import dielectric_slope
 from brdfatlas.objectives import (

@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from brdfatlas import read_merl
 from brdfatlas.angles import GRID_SHAPE, above_horizon, theta_h_centres
 from brdfatlas.files import read_json, write_json
 from brdfatlas.fits import Fit, fit
-from brdfatlas.measured import read_merl, write_merl
+from brdfatlas.formats.merl import write_merl
 from brdfatlas.measures import tables
 from brdfatlas.measures.errors import BRDF_MEASURES, IMAGE_MEASURES
 from brdfatlas.measures.tsv import write_tsv
@@ -30,6 +31,7 @@ def made_up(psnr: dict[str, tuple[float, float]]) -> pd.DataFrame:
             row = dict.fromkeys(IMAGE_MEASURES, 30.0 - value / 10 if np.isfinite(value) else value)
             status = "failed" if np.isnan(value) else "ok"
             row |= {"psnr_db": value, "psnr_se_db": 0.1, "status": status}
+            row |= {"de00_mean": 1000 * 10 ** (-value / 20), "de00_se": 0.0}  # one dB is one dB
             rows.append({"material": material, "model": model, "scene": "room"} | row)
     return pd.DataFrame(rows)
 
@@ -51,15 +53,15 @@ def test_the_best_of_a_column_is_marked_and_never_the_noise_floor(errors):
     assert [table["class"] for table in found] == ["all", "diffuse", "specular"]
     for table, winner in zip(found, ("ggx", "tabulated", "ggx")):
         best = [row["model"] for row in table["rows"] if row["cells"][0]["best"]]
-        assert best == [winner]  # PSNR: the highest
-        best = [row["model"] for row in table["rows"] if row["cells"][2]["best"]]
         assert best == [winner]  # dE00, made to fall with PSNR: the lowest
+        best = [row["model"] for row in table["rows"] if row["cells"][-1]["best"]]
+        assert best == [winner]  # PSNR: the highest
     failed = {row["model"]: row["failed"] for row in found[0]["rows"]}
     assert failed == {"tabulated": 0, "ggx": 0, "gaussian": 1, "reference_again": 0}
 
 
 def test_duels_are_antisymmetric(errors):
-    duels = duel_rows(tables.count_wins(errors, CLASSES, MODELS), MODELS)
+    duels = duel_rows(tables.count_wins(errors, CLASSES, MODELS, measure="psnr_db"), MODELS, "psnr_db")
     cells = dict(duels["rows"])
     for i, a in enumerate(duels["names"]):
         assert cells[a][i] is None
@@ -88,7 +90,8 @@ def test_every_scene_has_its_own_order():
     found = scene_rows(summary, MODELS)
     assert found["names"] == ["room", "hall"]
     rows = {row["model"]: row["cells"] for row in found["rows"]}
-    assert [cell["value"] for cell in rows["tabulated"]] == [45, 60, 52.5]
+    room = (1000 * 10**-2.0 + 1000 * 10**-2.5) / 2
+    assert [cell["value"] for cell in rows["tabulated"]] == pytest.approx([room, 1, (room + 1) / 2])
     assert [cell["best"] for cell in rows["tabulated"]] == [False, True, True]
     assert [cell["best"] for cell in rows["ggx"]] == [True, False, False]
     assert not any(cell["best"] for cell in rows["reference_again"])
@@ -155,8 +158,13 @@ def test_a_material_gets_lobes_and_the_functions_of_the_fits_that_it_has(materia
     figures_job(
         material / "stuff.binary", ["ggx", "gaussian"], material / "fits", material / "out", material / "list.json"
     )
-    assert list(read_json(material / "list.json")["figures"]) == ["functions/ggx.svg", "lobes.svg"]
-    assert files_in(material / "out") == {"functions/ggx.svg", "lobes.svg"}
+    assert list(read_json(material / "list.json")["figures"]) == [
+        "curves.js",
+        "functions.svg",
+        "functions/ggx.svg",
+        "lobes.svg",
+    ]
+    assert files_in(material / "out") == {"functions/ggx.svg", "lobes.svg", "functions.svg", "curves.js"}
     assert "GGX" in (material / "out" / "lobes.svg").read_text()
 
 
@@ -170,16 +178,16 @@ def test_a_factor_model_gets_curves_slices_weights_and_its_convergence(material)
     args = (material / "stuff.binary", ["ggx", "g_from_d"], material / "fits", material / "out")
     figures_job(*args, material / "list.json")
     expected = {"lobes.svg", "functions/ggx.svg", "functions/g_from_d.svg", "convergence/g_from_d.svg"}
-    expected |= {"slices.webp", "weights.svg"}
+    expected |= {"slices.webp", "weights.svg", "functions.svg", "curves.js"}
     assert set(read_json(material / "list.json")["figures"]) == expected
     assert files_in(material / "out") == expected
     figures_job(material / "stuff.binary", ["ggx"], *args[2:], material / "list.json")
-    assert files_in(material / "out") == {"lobes.svg", "functions/ggx.svg"}
+    assert files_in(material / "out") == {"lobes.svg", "functions/ggx.svg", "functions.svg", "curves.js"}
 
 
 def test_a_material_without_any_fit_still_shows_its_own_lobes(material):
     from brdfatlas.figures.jobs import figures_job
 
     figures_job(material / "stuff.binary", ["gaussian"], material / "fits", material / "out", material / "list.json")
-    assert list(read_json(material / "list.json")["figures"]) == ["lobes.svg"]
+    assert list(read_json(material / "list.json")["figures"]) == ["curves.js", "lobes.svg"]
     assert (material / "out" / "lobes.svg").stat().st_size > 1000

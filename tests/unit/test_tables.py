@@ -76,33 +76,37 @@ def test_lower_bounds_are_counted(errors):
 
 
 def test_wins_and_ties_as_counted_by_hand(errors):
-    wins = tables.count_wins(errors, CLASSES, MODELS).set_index(["model", "other", "class"])
+    wins = tables.count_wins(errors, CLASSES, MODELS, measure="psnr_db").set_index(["model", "other", "class"])
     row = wins.loc[("tucker", "ward", "all")]
     assert (row["count"], row["wins"], row["ties"], row["losses"]) == (5, 2, 2, 1)
-    assert row["mean_difference_db"] == np.inf
+    assert row["mean_difference"] == np.inf
     back = wins.loc[("ward", "tucker", "all")]
     assert (back["count"], back["wins"], back["ties"], back["losses"]) == (5, 1, 2, 2)
     specular = wins.loc[("tucker", "ward", "specular")]
     assert (specular["wins"], specular["ties"], specular["losses"]) == (1, 1, 0)
-    assert specular["mean_difference_db"] == pytest.approx((2 + 2.1) / 2)
-    assert np.isnan(specular["se_difference_db"]), "one material has no spread"
+    assert specular["mean_difference"] == pytest.approx((2 + 2.1) / 2)
+    assert np.isnan(specular["se_difference"]), "one material has no spread"
     assert "reference_again" not in wins.index.get_level_values("model")
 
 
 def test_two_perfect_models_tie():
     errors = errors_of({("chrome", "ward", "a"): np.inf, ("chrome", "tucker", "a"): np.inf})
-    row = tables.count_wins(errors, CLASSES, MODELS).set_index(["model", "other", "class"]).loc["ward", "tucker", "all"]
-    assert (row["ties"], row["mean_difference_db"]) == (1, 0)
+    row = (
+        tables.count_wins(errors, CLASSES, MODELS, measure="psnr_db")
+        .set_index(["model", "other", "class"])
+        .loc["ward", "tucker", "all"]
+    )
+    assert (row["ties"], row["mean_difference"]) == (1, 0)
 
 
 def test_a_mean_difference_is_over_materials_with_the_error_of_their_spread():
     """Two scenes of a material say little more than one: each material counts once."""
     psnr = {("chrome", "ward", s): 30.0 for s in "ab"} | {("nylon", "ward", "a"): 30.0}
     psnr |= {("chrome", "tucker", "a"): 32.0, ("chrome", "tucker", "b"): 36.0, ("nylon", "tucker", "a"): 40.0}
-    wins = tables.count_wins(errors_of(psnr), CLASSES, MODELS).set_index(["model", "other", "class"])
+    wins = tables.count_wins(errors_of(psnr), CLASSES, MODELS, measure="psnr_db").set_index(["model", "other", "class"])
     row = wins.loc["tucker", "ward", "all"]
-    assert (row["materials"], row["mean_difference_db"]) == (2, pytest.approx((4 + 10) / 2))
-    assert row["se_difference_db"] == pytest.approx(np.std([4, 10], ddof=1) / np.sqrt(2))
+    assert (row["materials"], row["mean_difference"]) == (2, pytest.approx((4 + 10) / 2))
+    assert row["se_difference"] == pytest.approx(np.std([4, 10], ddof=1) / np.sqrt(2))
 
 
 def test_a_lower_bound_never_loses_a_duel_and_wins_by_no_less_than_its_value():
@@ -111,9 +115,13 @@ def test_a_lower_bound_never_loses_a_duel_and_wins_by_no_less_than_its_value():
     errors = errors_of(psnr).assign(psnr_se_db=0.2)
     errors.loc[errors["scene"] == "a", "psnr_se_db"] = [np.inf, 0.2]  # ward is a bound below tucker
     errors.loc[errors["scene"] == "b", "psnr_se_db"] = [np.inf, 0.2]  # ward is a bound above tucker
-    row = tables.count_wins(errors, CLASSES, MODELS).set_index(["model", "other", "class"]).loc["ward", "tucker", "all"]
+    row = (
+        tables.count_wins(errors, CLASSES, MODELS, measure="psnr_db")
+        .set_index(["model", "other", "class"])
+        .loc["ward", "tucker", "all"]
+    )
     assert (row["wins"], row["ties"], row["losses"]) == (2, 1, 0)
-    assert row["mean_difference_db"] == pytest.approx((0 + 10 + 10) / 3)
+    assert row["mean_difference"] == pytest.approx((0 + 10 + 10) / 3)
 
 
 def test_published_figures_stand_beside_ours_over_the_same_materials(errors):
@@ -163,5 +171,26 @@ def test_a_run_in_which_nothing_worked_still_has_tables():
     summary = tables.summarise(errors, CLASSES, MODELS)
     assert list(summary["count"]) == [0, 0]
     assert summary["psnr_db_mean"].isna().all()
-    assert tables.count_wins(errors, CLASSES, MODELS).empty
+    assert tables.count_wins(errors, CLASSES, MODELS, measure="psnr_db").empty
     assert tables.beside_published(errors, CLASSES, MODELS).empty
+
+
+def test_duels_are_fought_in_the_chosen_measure_and_decided_by_the_error_of_the_difference():
+    errors = errors_of({("chrome", model, scene): 40.0 for model in ("ward", "tucker") for scene in "ab"})
+    errors["de00_mean"] = errors["model"].map({"ward": 1.0, "tucker": 1.5})
+    errors["de00_se"] = 0.6
+    plain = tables.count_wins(errors, CLASSES, MODELS).set_index(["model", "other", "class"])
+    assert plain.loc[("ward", "tucker", "all"), "ties"] == 2, "0.5 is less than two errors of two independent values"
+    pairs = pd.DataFrame({"material": "chrome", "scene": ["a", "b"], "model": "tucker", "other": "ward"})
+    pairs["de00_se"] = [0.1, 0.3]
+    duel = tables.count_wins(errors, CLASSES, MODELS, pairs=pairs).set_index(["model", "other", "class"])
+    row, back = duel.loc[("ward", "tucker", "all")], duel.loc[("tucker", "ward", "all")]
+    assert (row["wins"], row["ties"], row["losses"]) == (back["losses"], back["ties"], back["wins"]) == (1, 1, 0)
+    assert row["measure"] == "de00_mean"
+    assert row["mean_difference"] == pytest.approx(-0.5)
+
+
+def test_tables_over_materials_lead_with_a_measure_that_compares_materials(errors):
+    columns = list(tables.summarise(errors, CLASSES, MODELS).columns)
+    statistics = [name for name in columns if name.endswith(("_mean", "_median"))]
+    assert statistics[:2] == ["de00_mean_mean", "de00_mean_median"]

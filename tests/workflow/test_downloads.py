@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from brdfatlas.angles import GRID_SHAPE
-from brdfatlas.measured import write_merl
+from brdfatlas.formats.merl import write_merl
 
 
 class Quiet(SimpleHTTPRequestHandler):

@@ -1,5 +1,4 @@
-"""Scenes in the workflow: a new one, or a new model in one, renders only itself; a missing file stops the run before
-any work."""
+"""Scenes in the workflow: a new one, or a new model, renders only itself; a missing file stops the run at once."""
 
 import numpy as np
 import yaml

@@ -2,24 +2,24 @@
 # writes nothing.
 
 import os
+import shlex
 import sys
 from pathlib import Path
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
-from brdfatlas.pipeline.configuration import (
-    check_samples,
-    choose,
-    files_of_scene,
-    read_assets,
-    read_config,
-)
+from brdfatlas.export.uber_texture import HEIGHT, has_row
 from brdfatlas.models import read_entries
+from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config
+from brdfatlas.pipeline.leftovers import missing_files
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.provenance import provenance, shipped
 from brdfatlas.pipeline.records import revision, versions
-from brdfatlas.rendering.scenes import read_scenes
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
-from brdfatlas.export.uber_texture import HEIGHT, has_row
+from brdfatlas.rendering.scenes import read_scenes
+
+# Snakemake hands this path to a shell as it is: a project's folder may have spaces and quotes.
+if Path(sys.executable).exists():  # not quoted yet
+    sys.executable = shlex.quote(sys.executable)
 
 try:
     config = read_config(config)
@@ -36,10 +36,10 @@ except ValueError as error:
 # The rows of the run, for every job that says more of a model than its name.
 ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
 
-
 BINARIES = {material.name: material.binary for material in FOUND}
 STANDINS = {material.name for material in FOUND if material.standin}
 MATERIALS = list(BINARIES)
+REFERENCES = [REFERENCE, REFERENCE_AGAIN]
 PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)
@@ -75,13 +75,13 @@ def neighbours(wildcards):
 
 
 def scene_files(names):
-    """The light probes and meshes that these scenes read. One that is not there stops a run when it is planned, before
-    any work; downloads need no scene, so they are not stopped."""
+    """The light probes and meshes that these scenes read. One that is not there stops every run that needs it when it
+    is planned, before any work; by an exit, because Snakemake passes over errors of inputs of what exists already."""
     source = config["scenes_file"]
     try:
         return [file for name in names for file in files_of_scene(name, ALL_SCENES[name], source, ASSETS)]
     except ValueError as error:
-        raise WorkflowError(str(error)) from None
+        raise SystemExit(str(error)) from None
 
 
 def texture_rows(wildcards):
@@ -93,3 +93,25 @@ def texture_rows(wildcards):
 def asset_names():
     """Names of the site's styles and scripts."""
     return [path.name for path in shipped("reports/assets/*")]
+
+
+# Files whose number depends on the fits: a list, {kind: {name: checksum}}, stands for them. Kind -> their folder.
+LISTED = {
+    "pictures": "reports/materials/{material}",
+    "figures": "reports/materials/{material}",
+    "fit_files": "reports/materials/{material}/fits",
+}
+LISTINGS = {
+    f"results/{kind}/{material}.json": folder.format(material=material)
+    for kind, folder in LISTED.items()
+    for material in MATERIALS
+}
+
+
+def redrawn(wildcards):
+    """What makes the listed files that are gone again, by rules that leave the list as it is."""
+    return [
+        name.replace("results/", "results/redrawn/", 1)
+        for name, folder in LISTINGS.items()
+        if missing_files(name, folder)
+    ]

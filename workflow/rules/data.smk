@@ -6,7 +6,6 @@ localrules:
     merl,
     assets,
     download_merl,
-    fetch_asset,
 
 
 rule merl:
@@ -14,13 +13,6 @@ rule merl:
         f"{config['merl_folder']}/merl_source.json",
     message:
         f"the MERL database is in {config['merl_folder']}"
-
-
-rule assets:
-    input:
-        expand("data/assets/{asset}", asset=ASSETS),
-    message:
-        "the assets are in data/assets"
 
 
 rule download_merl:
@@ -35,29 +27,24 @@ rule download_merl:
         runtime=600,
     params:
         source=config["merl_source"],
-        folder=lambda wildcards, output: str(Path(output[0]).parent),
+        folder=config["merl_folder"],
     message:
         "downloading the MERL database"
     script:
         "../scripts/download_merl.py"
 
 
-rule fetch_asset:
-    output:
-        "data/assets/{asset}",
+# No output: Snakemake removes outputs before it makes them, and what lies in data/assets may be the user's own.
+rule assets:
     log:
-        "results/logs/fetch_asset/{asset}.log",
-    benchmark:
-        "results/benchmarks/fetch_asset/{asset}.tsv"
-    wildcard_constraints:
-        asset="|".join(map(re.escape, ASSETS)) or "$^",
+        "results/logs/fetch_assets.log",
     resources:
         mem_mb=500,
         runtime=60,
     params:
-        source=lambda wildcards: ASSETS[wildcards.asset],
-        record="data/assets/checksums/{asset}.json",
+        assets=ASSETS,
+        folder="data/assets",
     message:
-        "fetching {wildcards.asset}: {params.source[terms]}"
+        "fetching what is missing in data/assets"
     script:
-        "../scripts/fetch_asset.py"
+        "../scripts/fetch_assets.py"

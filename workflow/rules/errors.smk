@@ -2,9 +2,7 @@
 import re
 
 TONES = {name: (ALL_SCENES[name]["exposure"], ALL_SCENES[name]["gamma"]) for name in SCENES}
-RENDERS = expand(
-    "results/renders/{{material}}/{model}/{scene}.exr", model=["reference", "reference_again", *MODELS], scene=SCENES
-)
+RENDERS = expand("results/renders/{{material}}/{model}/{scene}.exr", model=[*REFERENCES, *MODELS], scene=SCENES)
 TABLES = ["errors", "brdf", "summary", "summary_brdf", "wins", "published"]
 STANDINGS_TITLES = {
     "summary": "means by class of material and scene",
@@ -28,6 +26,7 @@ rule measure_errors:
             labels={"what": "image errors of every model"},
         ),
         brdf="results/errors/{material}/brdf.tsv",
+        pairs="results/errors/{material}/pairs.tsv",
     log:
         "results/logs/measure_errors/{material}.log",
     benchmark:
@@ -37,8 +36,8 @@ rule measure_errors:
         material="|".join(map(re.escape, MATERIALS)),
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 1200 * attempt,
-        runtime=lambda wildcards, attempt: 10 * attempt,
+        mem_mb=1200,
+        runtime=10,
     params:
         provenance=provenance("brdfatlas.measures.errors", libraries=MEASURING),
         models=MODELS,
@@ -53,6 +52,7 @@ rule tabulate_errors:
     input:
         errors=expand("results/errors/{material}/images.tsv", material=MATERIALS),
         brdf=expand("results/errors/{material}/brdf.tsv", material=MATERIALS),
+        pairs=expand("results/errors/{material}/pairs.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
     output:

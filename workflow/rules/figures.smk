@@ -5,21 +5,21 @@ rule draw_pictures:
     input:
         renders=RENDERS,
     output:
-        # Hundreds of pictures a material would burden the DAG: a list stands for them, the reference's are watched.
+        # Hundreds of pictures a material would burden the DAG, and a failed fit has none: a list stands for them.
         listing="results/pictures/{material}.json",
-        references=expand("reports/materials/{{material}}/renders/{scene}/reference/render.webp", scene=SCENES),
     log:
         "results/logs/draw_pictures/{material}.log",
     benchmark:
         "results/benchmarks/draw_pictures/{material}.tsv"
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 600 * attempt,
-        runtime=lambda wildcards, attempt: 10 * attempt,
+        mem_mb=600,
+        runtime=10,
     params:
         provenance=provenance("brdfatlas.figures.pictures", libraries=DRAWING),
         models=MODELS,
         tones=TONES,
+        folder="reports/materials/{material}",
         hdr=True,
     message:
         "pictures of {wildcards.material}"
@@ -68,12 +68,13 @@ rule draw_figures:
         "results/benchmarks/draw_figures/{material}.tsv"
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 1200 * attempt,
-        runtime=lambda wildcards, attempt: 10 * attempt,
+        mem_mb=1200,
+        runtime=10,
     params:
         provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
         models=MODELS,
         entries=ENTRIES,
+        folder="reports/materials/{material}",
     message:
         "lobes and functions of {wildcards.material}"
     script:
@@ -106,3 +107,22 @@ rule draw_summary:
         "sorted errors of all models"
     script:
         "../scripts/draw_summary.py"
+
+
+# Where a listed picture is gone, its material's are drawn again, and nothing that is made of them.
+use rule draw_pictures as redraw_pictures with:
+    output:
+        listing=temp("results/redrawn/pictures/{material}.json"),
+    log:
+        "results/logs/redraw_pictures/{material}.log",
+    benchmark:
+        "results/benchmarks/redraw_pictures/{material}.tsv"
+
+
+use rule draw_figures as redraw_figures with:
+    output:
+        listing=temp("results/redrawn/figures/{material}.json"),
+    log:
+        "results/logs/redraw_figures/{material}.log",
+    benchmark:
+        "results/benchmarks/redraw_figures/{material}.tsv"

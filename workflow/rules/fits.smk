@@ -13,8 +13,8 @@ rule fit_model:
         "results/benchmarks/fit_model/{material}/{model}.tsv"
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 1000 * attempt,
-        runtime=lambda wildcards, attempt: 20 * attempt,
+        mem_mb=1000,
+        runtime=20,
     params:
         provenance=lambda wildcards: provenance(
             ALL_ENTRIES[wildcards.model].module, "brdfatlas.pipeline.jobs", libraries=FITTING
@@ -31,7 +31,7 @@ rule fit_model:
 rule check_failures:
     input:
         reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
-        report="reports/index.html",
+        report=ancient("reports/index.html"),
     output:
         "results/verdict.txt",
     log:

@@ -67,10 +67,7 @@ rule render_material:
         binary=binary_of,
         scene=rules.prepare_scene.output[0],
     output:
-        [
-            update(f"results/renders/{{material}}/{model}/{{scene}}.exr")
-            for model in [REFERENCE, REFERENCE_AGAIN, *MODELS]
-        ],
+        [update(f"results/renders/{{material}}/{model}/{{scene}}.exr") for model in [*REFERENCES, *MODELS]],
     log:
         "results/logs/render_material/{material}/{scene}.log",
     benchmark:
@@ -83,7 +80,7 @@ rule render_material:
         runtime=30,
     params:
         provenance=provenance("brdfatlas.rendering.jobs", libraries=RENDERING),
-        pictures=[REFERENCE, REFERENCE_AGAIN, *MODELS],
+        pictures=[*REFERENCES, *MODELS],
         models=MODELS,
         settings=render_settings,
         standin=lambda wildcards: wildcards.material in STANDINS,

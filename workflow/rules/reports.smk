@@ -21,7 +21,40 @@ MODEL_TABLES = ["errors", "fits", "parameters"]
 # Rows of a texture are materials; where there are more than it has rows, there are several.
 FACTORED = [name for name in MODELS if has_row(ALL_ENTRIES[name].instance)]
 TEXTURE_PARTS = range(1, -(-len(MATERIALS) // HEIGHT) + 1)
-RUN_TABLES = ["materials", "models", "errors", "brdf", "fits", "parameters", "left_out"]
+ASSET_FILES = expand("reports/assets/{asset}", asset=asset_names())
+RUN_TABLES = ["materials", "recommended", "models", "errors", "brdf", "fits", "parameters", "left_out"]
+
+
+rule write_fits:
+    input:
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+    output:
+        # Which files a fit has depends on the fit: a list stands for them.
+        listing="results/fit_files/{material}.json",
+    log:
+        "results/logs/write_fits/{material}.log",
+    benchmark:
+        "results/benchmarks/write_fits/{material}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=400,
+        runtime=5,
+    params:
+        provenance=provenance("brdfatlas.reports.fit_files"),
+        folder="reports/materials/{material}/fits",
+    message:
+        "fits of {wildcards.material} to take away"
+    script:
+        "../scripts/write_fits.py"
+
+
+use rule write_fits as rewrite_fits with:
+    output:
+        listing=temp("results/redrawn/fit_files/{material}.json"),
+    log:
+        "results/logs/rewrite_fits/{material}.log",
+    benchmark:
+        "results/benchmarks/rewrite_fits/{material}.tsv"
 
 
 rule write_material_page:
@@ -32,8 +65,8 @@ rule write_material_page:
         brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
+        files="results/fit_files/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
-        assets=expand("reports/assets/{asset}", asset=asset_names()),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
     output:
         page="reports/materials/{material}.html",
@@ -47,7 +80,7 @@ rule write_material_page:
         material="|".join(map(re.escape, MATERIALS)),
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 400 * attempt,
+        mem_mb=400,
         runtime=5,
     params:
         provenance=provenance(SITE, files=TEMPLATES),
@@ -70,7 +103,6 @@ rule write_model_pages:
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         pictures=expand("results/pictures/{material}.json", material=MATERIALS),
-        assets=expand("reports/assets/{asset}", asset=asset_names()),
     output:
         pages=expand("reports/models/{model}.html", model=MODELS),
         tables=expand("reports/data/models/{model}/{table}.tsv", model=MODELS, table=MODEL_TABLES),
@@ -79,7 +111,7 @@ rule write_model_pages:
     benchmark:
         "results/benchmarks/write_model_pages.tsv"
     resources:
-        mem_mb=lambda wildcards, attempt: 600 * attempt,
+        mem_mb=600,
         runtime=10,
     params:
         provenance=provenance(SITE, files=TEMPLATES),
@@ -102,10 +134,6 @@ rule write_index:
         record="results/run.json",
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
-        pages=expand("reports/materials/{material}.html", material=MATERIALS),
-        models=expand("reports/models/{model}.html", model=MODELS),
-        compare="reports/compare.html",
-        viewer="reports/viewer.html",
     output:
         page="reports/index.html",
         script="reports/data/atlas.js",
@@ -114,14 +142,14 @@ rule write_index:
             "reports/data/models.tsv",
             caption="../captions/models.rst",
             category="Results",
-            labels={"what": "models, means over all materials and scenes"},
+            labels={"what": "models, medians over the materials"},
         ),
     log:
         "results/logs/write_index.log",
     benchmark:
         "results/benchmarks/write_index.tsv"
     resources:
-        mem_mb=lambda wildcards, attempt: 600 * attempt,
+        mem_mb=600,
         runtime=10,
     params:
         provenance=provenance(SITE, files=TEMPLATES),
@@ -139,7 +167,7 @@ rule write_index:
 
 rule write_assets:
     output:
-        assets=expand("reports/assets/{asset}", asset=asset_names()),
+        assets=ASSET_FILES,
         compare="reports/compare.html",
     log:
         "results/logs/write_assets.log",
@@ -168,6 +196,7 @@ rule typeset_material:
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars="reports/assets/bar-de00.svg",
+        published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
     output:
         "results/pdf/{material}.pdf",
     log:
@@ -176,12 +205,13 @@ rule typeset_material:
         "results/benchmarks/typeset_material/{material}.tsv"
     priority: first_material_first
     resources:
-        mem_mb=lambda wildcards, attempt: 500 * attempt,
+        mem_mb=500,
         runtime=5,
     params:
         provenance=provenance(PDF, files=("reports/templates/*.typ",), libraries=("typst", "pypdf")),
         pictures="reports/materials/{material}",
         assets=lambda wildcards, input: str(Path(input.bars).parent),
+        published=lambda wildcards, input: str(Path(input.published[0]).parent),
         models=MODELS,
         entries=ENTRIES,
         scenes=SHOWN_SCENES,
@@ -202,14 +232,14 @@ rule write_supplement:
             "reports/supplement.pdf",
             caption="../captions/supplement.rst",
             category="Report",
-            labels={"what": "supplement, two pages a material"},
+            labels={"what": "supplement, four pages a material"},
         ),
     log:
         "results/logs/write_supplement.log",
     benchmark:
         "results/benchmarks/write_supplement.tsv"
     resources:
-        mem_mb=lambda wildcards, attempt: 1000 * attempt,
+        mem_mb=1000,
         runtime=10,
     params:
         provenance=provenance(PDF, files=("reports/templates/*.typ",), libraries=("typst", "pypdf")),
@@ -262,7 +292,7 @@ rule write_viewer:
     benchmark:
         "results/benchmarks/write_viewer.tsv"
     resources:
-        mem_mb=lambda wildcards, attempt: 800 * attempt,
+        mem_mb=800,
         runtime=10,
     params:
         provenance=provenance("brdfatlas.reports.viewer", files=TEMPLATES),
@@ -277,3 +307,20 @@ rule write_viewer:
         "interactive viewer of the factor fits"
     script:
         "../scripts/write_viewer.py"
+
+
+# Everything in reports/.
+REPORT = [
+    *expand(rules.draw_pictures.output, material=MATERIALS),
+    *expand(rules.draw_figures.output, material=MATERIALS),
+    *expand(rules.write_fits.output, material=MATERIALS),
+    *rules.draw_bars.output,
+    *rules.draw_summary.output,
+    *rules.write_assets.output,
+    *expand(rules.write_material_page.output, material=MATERIALS),
+    *rules.write_model_pages.output,
+    *expand(rules.write_uber_texture.output, model=FACTORED, part=TEXTURE_PARTS),
+    *rules.write_viewer.output,
+    *rules.write_index.output,
+    *(rules.write_supplement.output if config["pdf"] else []),
+]

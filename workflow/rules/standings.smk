@@ -8,7 +8,6 @@ rule write_standings:
     input:
         tables=expand("results/tables/{table}.tsv", table=STANDINGS_TABLES),
         summary="reports/assets/summary.svg",
-        models=expand("reports/models/{model}.html", model=MODELS),
     output:
         page="reports/standings.html",
         tables=expand("reports/data/{table}.tsv", table=STANDINGS_TABLES),
@@ -28,3 +27,31 @@ rule write_standings:
         "page of standings"
     script:
         "../scripts/write_standings.py"
+
+
+localrules:
+    record_reports,
+
+
+# What a run made in reports/, by name and content. What an earlier run made there of a material or model that is no
+# longer in the run goes, unless somebody changed it; files of the user's are not in the list.
+rule record_reports:
+    input:
+        REPORT,
+        rules.write_standings.output,
+    output:
+        update("results/reports.tsv"),
+    log:
+        "results/logs/record_reports.log",
+    benchmark:
+        "results/benchmarks/record_reports.tsv"
+    resources:
+        mem_mb=300,
+        runtime=5,
+    params:
+        provenance=provenance("brdfatlas.pipeline.leftovers"),
+        listings=LISTINGS,
+    message:
+        "recording what is in reports"
+    script:
+        "../scripts/record_reports.py"

@@ -7,6 +7,6 @@ from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):
-    i, o, p = snakemake.input, snakemake.output, snakemake.params
+    i, p = snakemake.input, snakemake.params
     use_entries(p.entries)
-    figures_job(i.binary, p.models, Path(i.fits[0]).parent, Path(o.lobes).parent, o.listing)
+    figures_job(i.binary, p.models, Path(i.fits[0]).parent, p.folder, snakemake.output.listing)

@@ -6,6 +6,5 @@ from brdfatlas.figures.pictures import pictures_job
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):
-    p, listing = snakemake.params, snakemake.output.listing
-    renders, folder = Path(snakemake.input.renders[0]).parents[1], Path(snakemake.output.references[0]).parents[3]
-    pictures_job(p.models, p.tones, renders, folder, listing, hdr=p.hdr)
+    p, renders = snakemake.params, Path(snakemake.input.renders[0]).parents[1]
+    pictures_job(p.models, p.tones, renders, p.folder, snakemake.output.listing, hdr=p.hdr)

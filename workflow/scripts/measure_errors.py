@@ -15,4 +15,5 @@ with logged(snakemake.log[0]):
         fits=Path(snakemake.input.fits[0]).parent,
         images_path=snakemake.output.images,
         brdf_path=snakemake.output.brdf,
+        pairs_path=snakemake.output.get("pairs"),
     )

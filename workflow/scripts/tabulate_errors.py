@@ -8,4 +8,4 @@ from brdfatlas.pipeline.logs import logged
 with logged(snakemake.log[0]):
     i = snakemake.input
     folder = Path(snakemake.output[0]).parent
-    write_tables(i.errors, i.brdf, i.descriptions, snakemake.params.models, folder)
+    write_tables(i.errors, i.brdf, i.descriptions, snakemake.params.models, folder, i.pairs)

@@ -1,4 +1,4 @@
-"""The two PDF pages of one material."""
+"""The PDF pages of one material."""
 
 from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
@@ -18,4 +18,5 @@ with logged(snakemake.log[0]):
         assets=p.assets,
         models=p.models,
         scenes=scene_facts(p.scenes),
+        published=p.published,
     )

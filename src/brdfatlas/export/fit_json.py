@@ -1,13 +1,12 @@
 """A fit as JSON: what it is, where it comes from, every parameter with its shape, unit and meaning."""
 
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from brdfatlas.files import read_json, write_json
-from brdfatlas.fits import Fit
+from brdfatlas.files import FileFault, read_json, shown, write_json
+from brdfatlas.fits import Fit, check_fit
 
 FORMAT = "brdfatlas fit 1"
 
@@ -54,21 +53,45 @@ def export_json(fit: Fit, path: str | os.PathLike) -> None:
 
 def import_json(path: str | os.PathLike) -> Fit:
     """Read what :func:`export_json` wrote: the same fit. ValueError names the file and what is wrong with it."""
-    path = Path(path)
+    name = shown(path)
     try:
         value = read_json(path)
     except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
+        raise ValueError(f"{name}: no such file") from None
+    except FileFault:
+        raise
     except ValueError as error:
-        raise ValueError(f"{path}: not JSON ({error})") from None
+        raise ValueError(f"{name}: not JSON ({shown(error)})") from None
     if not isinstance(value, dict) or value.get("format") != FORMAT:
-        raise ValueError(f"{path}: not a {FORMAT!r}")
-    try:
-        parameters = {
-            name: np.array(item["values"], item["dtype"]).reshape(item["shape"])
-            for name, item in value["parameters"].items()
-        }
-        labels = {"entry": value.get("entry") or "", "source": value.get("source")}
-        return Fit(value["model"], value["material"], parameters, value["options"], bool(value["standin"]), **labels)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ValueError(f"{path}: damaged ({type(error).__name__}: {error})") from None
+        raise ValueError(f"{name}: not a {FORMAT!r}")
+    kinds = {"model": str, "material": str, "options": dict, "standin": bool, "parameters": dict}
+    for key, kind in kinds.items():
+        if type(value.get(key)) is not kind:
+            raise ValueError(f"{name}: damaged, it does not state its {key}; export the fit again")
+    parameters = {}
+    for key, item in value["parameters"].items():
+        try:
+            parameters[key] = _array(item)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            fault = shown(error) if isinstance(error, ValueError) else "it states no dtype, shape and values"
+            raise ValueError(f"{name}: damaged, {shown(key)}: {fault}; export the fit again") from None
+    labels = {key: value.get(key) for key in ("entry", "source")}
+    if not all(isinstance(label, str | None) for label in labels.values()):
+        raise ValueError(f"{name}: damaged, its entry or source is no text; export the fit again")
+    labels["entry"] = labels["entry"] or ""
+    fit = Fit(value["model"], value["material"], parameters, value["options"], value["standin"], **labels)
+    check_fit(fit, path)
+    return fit
+
+
+def _array(item: dict[str, Any]) -> np.ndarray:
+    """The numbers of one parameter. ValueError, KeyError, TypeError for what :func:`fit_as_json` does not write."""
+    if item["dtype"] not in ("float32", "float64", "int32", "int64"):
+        raise ValueError(f"dtype {item['dtype']!r} is none of numbers")
+    values = np.array(item["values"])
+    if values.dtype.kind not in "fiu":
+        raise ValueError("its values are not numbers alone, or rows differ in length")
+    if list(values.shape) != item["shape"]:
+        raise ValueError(f"its values have shape {list(values.shape)}, not {item['shape']}")
+    with np.errstate(over="ignore"):
+        return values.astype(item["dtype"])

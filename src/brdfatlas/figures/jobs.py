@@ -1,16 +1,21 @@
 """Which figures a material and a run get. The body of the rules draw_figures and draw_summary."""
 
+import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from brdfatlas.figures.curves import function_curves, lobe_curves, plot_curves
 from brdfatlas.figures.factors import plot_convergence, plot_slices, plot_weights
 from brdfatlas.figures.functions import plot_functions
 from brdfatlas.figures.lobes import plot_lobes
 from brdfatlas.figures.summary import plot_summary
-from brdfatlas.files import digests, read_json, write_json
+from brdfatlas.files import digests, read_json, write_json, write_text
 from brdfatlas.fits import Fit, load_fit
-from brdfatlas.measured import read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured
 from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS
 
@@ -39,15 +44,19 @@ def figures_job(
     """Draw the figures of one material into ``folder`` and write a list of them, {"figures": {file: SHA-256}}, which
     changes with any of them.
 
-    lobes.svg with every model that has a fit (the reference alone if none has); functions/{model}.svg where a fit has
+    lobes.svg with every model that has a fit (the reference alone if none has); the numbers of the page's charts in
+    curves.js, functions.svg with the functions of all fits; functions/{model}.svg where a fit has
     named functions; convergence/{model}.svg where its report has a curve for each channel; slices.webp and weights.svg
     where a fit is a sum of products. Figures of an earlier run that this one does not draw are removed.
     """
     folder = Path(folder)
-    measured, loaded, titles = read_merl(binary), load_fits(models, fits), titles_of(models)
-    tables = {titles[name]: fit.table() for name, fit in loaded.items()}
-    plot_lobes(measured.table, measured.valid, tables or {"reference, no fit": measured.table}, folder / "lobes.svg")
-    drawn = {"lobes.svg"}
+    measured, loaded, titles = read(binary), load_fits(models, fits), titles_of(models)
+    tables = {name: fit.table() for name, fit in loaded.items()}
+    shown = {titles[name]: table for name, table in tables.items()} or {"reference, no fit": measured.table}
+    plot_lobes(measured.table, measured.valid, shown, folder / "lobes.svg")
+    drawn = {"lobes.svg", "curves.js"}
+    if write_curves(folder, measured, loaded, tables, titles):
+        drawn.add("functions.svg")
     factored = {titles[name]: fit for name, fit in loaded.items() if fit.factors() is not None}
     if factored:
         plot_slices(measured, factored, folder / "slices.webp")
@@ -63,11 +72,27 @@ def figures_job(
         channels = (read_json(Path(fits) / f"{name}.json").get("details") or {}).get("channels")
         if channels and plot_convergence(channels, path, title=title):
             drawn.add(path.relative_to(folder).as_posix())
-    for pattern in ("functions/*.svg", "convergence/*.svg", "slices.webp", "weights.svg"):
+    for pattern in ("functions/*.svg", "convergence/*.svg", "functions.svg", "slices.webp", "weights.svg"):
         for path in folder.glob(pattern):
             if path.relative_to(folder).as_posix() not in drawn:
                 path.unlink()
     write_json(listing, {"figures": digests(folder, sorted(drawn))})
+
+
+def write_curves(
+    folder: Path,
+    measured: Measured,
+    fits: Mapping[str, Fit],
+    tables: Mapping[str, np.ndarray],
+    titles: Mapping[str, str],
+) -> bool:
+    """Write the numbers of a material's charts as ``curves.js``, which calls ``ATLAS_CURVES`` (a page from a file may
+    run a script, but not read a file), and its functions as functions.svg; whether there is one."""
+    functions = {name: fit.functions() for name, fit in fits.items()}
+    lobes = lobe_curves(measured.table, measured.valid, tables)
+    content = {"functions": function_curves(functions), "lobes": lobes}
+    write_text(folder / "curves.js", f"window.ATLAS_CURVES({json.dumps(content, separators=(',', ':'))});\n")
+    return plot_curves(content["functions"], titles, folder / "functions.svg")
 
 
 def summary_job(

@@ -8,7 +8,9 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+import numpy as np
 from matplotlib import pyplot
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from brdfatlas.files import atomic_path
@@ -20,6 +22,8 @@ LINES = ("-", "--", ":", "-.")
 #: red, green and blue that also differ in lightness
 RGB = ("#D55E00", "#009E73", "#0072B2")
 INK, PALE = "#222222", "#D9D9D9"
+#: Width of a figure that fills a page of the PDF, inches: drawn at the size it is set at, so that type keeps its size.
+PAGE = 7.16
 
 RC = {
     "figure.facecolor": "white",
@@ -34,9 +38,9 @@ RC = {
     "grid.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "legend.fontsize": 8,
+    "font.size": 7.5,
+    "axes.titlesize": 8,
+    "legend.fontsize": 7,
     "legend.frameon": False,
     "lines.linewidth": 1.3,
     "font.family": "DejaVu Sans",
@@ -55,6 +59,13 @@ def paper() -> Iterator[None]:
 def line_of(number: int) -> dict[str, str]:
     """Colour and style of the n-th line of a figure; 32 differ."""
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": LINES[number // len(COLOURS) % len(LINES)]}
+
+
+def root_axis(axis: Axes) -> None:
+    """Angles on the root scale on which the measurements are spaced: a highlight gets the room it needs."""
+    axis.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
+    axis.set_xticks([0, 1, 5, 15, 30, 60, 90])
+    axis.set_xlim(0, 90)
 
 
 def save(figure: Figure, path: str | os.PathLike) -> None:

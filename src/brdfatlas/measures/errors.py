@@ -12,11 +12,21 @@ Var(D)/n. Products of *different* batches have no such bias:
 is the U-statistic with E[U] = ||E[D]||^2. Everything follows from the n x n matrix K_ab = <D_a, D_b>: U = (sum K -
 trace K) / (n (n - 1)), and leaving a batch out drops a row and a column. U may be negative where the model is closer to
 the reference than the noise can tell; :func:`linear_errors` says what is then reported.
+
+dE00, FLIP and SSIM are not linear and cost far more to evaluate. Their standard errors are a delete-half jackknife,
+block by block: they are evaluated for either half of the batches, and the halves' differences, summed over blocks of
+pixels, are independent from block to block, because every pixel has random numbers of its own. So two evaluations
+give as many degrees of freedom as there are blocks.
+
+Models of one picture share random numbers: their measures err together, and a difference has a standard error of its
+own, from the differences of what makes the single ones (:class:`Spread`).
 """
 
 import logging
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,25 +36,38 @@ import pandas as pd
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
-from brdfatlas.measured import Measured, fold, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured, fold
+from brdfatlas.measures.ranking import RANKED
 from brdfatlas.measures.tsv import write_tsv
 from brdfatlas.objectives import compressive_weights, cosine_weighted, loew_e2, log_deviation, relative_objective
 from brdfatlas.rendering.images import Render, load_render, tone_map
 
 IMAGE_MEASURES = (
+    "de00_mean",
+    "de00_se",
+    "de00_p95",
+    "flip_mean",
+    "flip_se",
+    "ssim",
+    "ssim_se",
     "psnr_db",
     "psnr_se_db",
     "psnr_tonemapped_db",
-    "de00_mean",
-    "de00_p95",
-    "flip_mean",
-    "ssim",
     "rmse",
     "rel_mse",
 )
+#: Standard errors among them: of a measure of one image, and in the tables of pairs of a difference.
+PAIR_ERRORS = tuple(measure.error for measure in RANKED.values())
 BRDF_MEASURES = ("objective_compressive", "loew_e2", "cosine_weighted", "log_deviation")
 #: An estimate of the MSE below this many standard errors is not told apart from zero; PSNR is then a lower bound.
 DETECTION = 2.0
+#: Pixels a degree of visual angle for FLIP, its default.
+FLIP_SCALE = 67.0
+#: Pixels around the mask that its measures look at: FLIP's widest filter reaches 10, SSIM's window 5.
+MARGIN = 12
+#: Side of a block of pixels in the estimate of noise: wider than those filters, so that blocks are independent.
+BLOCK = 32
 
 log = logging.getLogger(__name__)
 
@@ -79,8 +102,12 @@ def psnr(peak: float, mean_squared: float) -> float:
 
 def batch_products(reference: np.ndarray, image: np.ndarray) -> np.ndarray:
     """K_ab = <F_a - R_a, F_b - R_b> of batches (n, pixels, 3): an n x n matrix, radiance squared."""
-    difference = (image.astype(np.float64) - reference).reshape(len(image), -1)
-    return difference @ difference.T / difference.shape[1]
+    return _products(image.astype(np.float64) - reference)
+
+
+def _products(difference: np.ndarray) -> np.ndarray:
+    flat = difference.reshape(len(difference), -1)
+    return flat @ flat.T / flat.shape[1]
 
 
 def mean_squared_error(products: np.ndarray, *, unbiased: bool = True) -> tuple[float, np.ndarray]:
@@ -118,6 +145,13 @@ def above_noise(value: float, spread: float) -> tuple[float, bool]:
     return max(value, 0.0) + DETECTION * spread, False
 
 
+class Linear(NamedTuple):
+    """The linear measures of a pair, and its PSNR with each batch left out (n,), dB; NaN where it has no error."""
+
+    values: dict[str, float]
+    without: np.ndarray
+
+
 def linear_errors(reference: Render, image: Render, *, unbiased: bool = True) -> dict[str, float]:
     """PSNR in dB with its standard error, RMSE (radiance) and relative MSE over the mask, in linear rgb.
 
@@ -131,38 +165,58 @@ def linear_errors(reference: Render, image: Render, *, unbiased: bool = True) ->
     its error. One batch alone gives the plain MSE and no standard error (NaN). ValueError for two batches whose
     estimate is not positive: nothing bounds it.
     """
-    mask = reference.mask
-    a, b = reference.batches[:, mask], image.batches[:, mask]
-    covered = reference.mean[mask].astype(np.float64)
-    peak, n = float(covered.max()), len(a)
+    return _linear(LinearReference(reference), image, unbiased).values
+
+
+class LinearReference:
+    """What the linear measures need of a reference: its covered pixels, its peak with each batch left out."""
+
+    def __init__(self, reference: Render) -> None:
+        self.mask = reference.mask
+        self.batches = reference.batches[:, self.mask]
+        covered = reference.mean[self.mask].astype(np.float64)
+        n = len(self.batches)
+        self.peak = float(covered.max())
+        self.peaks = np.array([(covered * n - b).max() / (n - 1) for b in self.batches] if n > 1 else [self.peak])
+        self.scale = 1 / np.sqrt(covered**2 + 0.01 * max(float(covered.mean()) ** 2, 1e-30))
+
+
+def _linear(reference: LinearReference, image: Render, unbiased: bool) -> Linear:
+    difference = image.batches[:, reference.mask].astype(np.float64) - reference.batches
+    n = len(difference)
     unbiased = unbiased and n > 1
-    products = batch_products(a, b)
+    products = _products(difference)
     if not products.any():
-        return {"psnr_db": float("inf"), "psnr_se_db": 0.0, "rmse": 0.0, "rel_mse": 0.0}
+        perfect = {"psnr_db": float("inf"), "psnr_se_db": 0.0, "rmse": 0.0, "rel_mse": 0.0}
+        return Linear(perfect, np.full(n, np.nan))
     value, without = mean_squared_error(products, unbiased=unbiased)
-    scale = 1 / np.sqrt(covered**2 + 0.01 * max(float(covered.mean()) ** 2, 1e-30))
-    relative, relative_without = mean_squared_error(batch_products(a * scale, b * scale), unbiased=unbiased)
+    difference *= reference.scale
+    relative, relative_without = mean_squared_error(_products(difference), unbiased=unbiased)
     seen = True
     if unbiased and n > 2:
         value, seen = above_noise(value, jackknife_error(without))
         relative, _ = above_noise(relative, jackknife_error(relative_without))
     elif value <= 0:
         raise ValueError("two batches are too few to bound an error below the noise; render at least three")
-    peaks = np.array([(covered * n - batch).max() / (n - 1) for batch in a]) if n > 1 else np.array([peak])
-    in_db = 20 * np.log10(peaks) - 10 / np.log(10) * without / value
-    return {
-        "psnr_db": psnr(peak, value),
+    in_db = 20 * np.log10(reference.peaks) - 10 / np.log(10) * without / value
+    values = {
+        "psnr_db": psnr(reference.peak, value),
         "psnr_se_db": jackknife_error(in_db) if seen else float("inf"),
         "rmse": float(np.sqrt(value)),
         "rel_mse": max(relative, 0.0),
     }
+    return Linear(values, in_db if seen else np.full(n, np.nan))
 
 
 def displayed_lab(linear: np.ndarray, exposure: float) -> np.ndarray:
-    """CIE Lab (D65, 2 degrees) of linear radiance (..., 3): fixed exposure, clip, sRGB, Lab; float32."""
-    from skimage.color import rgb2lab
+    """CIE Lab (D65, 2 degrees) of linear radiance (..., 3) on an sRGB display: fixed exposure, clip, Lab; float32.
 
-    return rgb2lab(srgb_encode(expose(linear, exposure)).astype(np.float32))
+    The display decodes what sRGB encodes: Lab is that of the clipped linear light.
+    """
+    from skimage.color import xyz2lab
+    from skimage.color.colorconv import xyz_from_rgb
+
+    return xyz2lab(expose(linear, exposure).astype(np.float32) @ xyz_from_rgb.T.astype(np.float32))
 
 
 def delta_e(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -177,13 +231,14 @@ def delta_e_map(reference: np.ndarray, image: np.ndarray, exposure: float) -> np
     return delta_e(displayed_lab(reference, exposure), displayed_lab(image, exposure)).astype(np.float32)
 
 
-def flip_map(reference: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """FLIP (Andersson et al. 2020) per pixel of two display images (h, w, 3) in [0, 1]; (h, w) float32, 67 pixels per
-    degree."""
+def flip_map(reference: np.ndarray, image: np.ndarray, pixels_per_degree: float = FLIP_SCALE) -> np.ndarray:
+    """FLIP (Andersson et al. 2020) per pixel of two display images (h, w, 3) in [0, 1]; (h, w) float32."""
     from flip_evaluator import evaluate
 
     a, b = (np.ascontiguousarray(x, dtype=np.float32) for x in (reference, image))
-    return np.asarray(evaluate(a, b, "LDR", applyMagma=False, computeMeanError=False)[0]).reshape(a.shape[:2])
+    settings = {"ppd": pixels_per_degree}
+    found = evaluate(a, b, "LDR", applyMagma=False, computeMeanError=False, parameters=settings)[0]
+    return np.asarray(found).reshape(a.shape[:2])
 
 
 def ssim_map(reference: np.ndarray, image: np.ndarray) -> np.ndarray:
@@ -228,59 +283,168 @@ def check_pair(reference: Render, image: Render) -> None:
         raise ValueError("the reference is black where the material is: PSNR has no peak")
 
 
+@dataclass(frozen=True)
+class View:
+    """A reference as a viewer sees it, in the box around its mask: ``lab`` of the covered pixels (n, 3), ``shown``
+    tone-mapped (h, w, 3), ``coarse`` the same at half the resolution."""
+
+    linear: np.ndarray
+    lab: np.ndarray
+    shown: np.ndarray
+    coarse: np.ndarray
+
+
+class Picture:
+    """A reference in a scene, with all that the measures need of it alone.
+
+    dE00, FLIP and SSIM are judged in the box around the mask, with a margin wider than any of their filters: what lies
+    further off is the same in both pictures and counts in none of them.
+    """
+
+    def __init__(self, reference: Render, tone: Tone) -> None:
+        check_pair(reference, reference)
+        self.reference, self.tone = reference, tone
+        rows, columns = (np.flatnonzero(reference.mask.any(axis)) for axis in (1, 0))
+        self.box = tuple(slice(max(int(i[0]) - MARGIN, 0), int(i[-1]) + MARGIN + 1) for i in (rows, columns))
+        self.mask = reference.mask[self.box]
+        self.count = int(self.mask.sum())
+        self.linear = LinearReference(reference)
+        self.view = self._view(reference.mean[self.box])
+        half = len(reference.batches) // 2
+        self.halves = [slice(0, half), slice(half, 2 * half)] if half else []
+        self.half_views = [self._view(self._mean(reference, part)) for part in self.halves]
+
+    def _mean(self, render: Render, part: slice) -> np.ndarray:
+        return render.batches[(part, *self.box)].mean(0)
+
+    def _view(self, linear: np.ndarray) -> View:
+        lab = displayed_lab(linear[self.mask], self.tone.exposure)
+        return View(linear, lab, tone_map(linear, *self.tone), tone_map(_halved(linear), *self.tone))
+
+    def errors(self, image: Render, *, common_numbers: bool = True) -> tuple[dict[str, float], "Spread"]:
+        """All IMAGE_MEASURES of an image, and how they scatter; see :func:`image_errors`."""
+        check_pair(self.reference, image)
+        linear, view = _linear(self.linear, image, common_numbers), self.view
+        seen = np.where(self.mask[..., None], image.mean[self.box], view.linear)
+        shown = tone_map(seen, *self.tone)
+        a, b = (to_8_bit(x[self.mask]).astype(np.float64) for x in (view.shown, shown))
+        delta = delta_e(view.lab, displayed_lab(seen[self.mask], self.tone.exposure))
+        blocks = self._blocks(image)
+        values = linear.values | {
+            "psnr_tonemapped_db": psnr(255.0, float(np.mean((a - b) ** 2))),
+            "de00_mean": float(delta.mean(dtype=np.float64)),
+            "de00_p95": float(np.percentile(delta, 95)),
+            "flip_mean": float(flip_map(view.shown, shown)[self.mask].mean(dtype=np.float64)),
+            "ssim": float(ssim_map(view.shown, shown)[self.mask].mean(dtype=np.float64)),
+        }
+        values |= {RANKED[key].error: _root(part) for key, part in blocks.items()}
+        return {name: values[name] for name in IMAGE_MEASURES}, Spread(linear.without, blocks)
+
+    def _blocks(self, image: Render) -> dict[str, np.ndarray]:
+        """Half the difference between the two halves of the batches, summed over each block of the picture, as a share
+        of the mean: (blocks,) for dE00, FLIP, SSIM."""
+        if not self.halves:
+            return {key: np.array([np.nan]) for key in ("de00_mean", "flip_mean", "ssim")}
+        maps = []
+        for part, view in zip(self.halves, self.half_views, strict=True):
+            seen = np.where(self.mask[..., None], self._mean(image, part), view.linear)
+            delta = np.zeros(self.mask.shape, np.float32)
+            delta[self.mask] = delta_e(view.lab, displayed_lab(seen[self.mask], self.tone.exposure))
+            flip = flip_map(view.coarse, tone_map(_halved(seen), *self.tone), FLIP_SCALE / 2)
+            maps.append((delta, flip, ssim_map(view.shown, tone_map(seen, *self.tone))))
+        # two halves of n // 2 batches: the variance of their mean is a quarter of that of their difference
+        share = np.sqrt(2 * (len(image.batches) // 2) / len(image.batches)) / (2 * self.count)
+        # FLIP at half the resolution is as noisy as at the full one, because its filters are wider than a pixel: a
+        # fourth of the cost
+        weights = self.mask, 4 * _halved(self.mask.astype(np.float32)), self.mask
+        return {
+            key: share * block_sums((first - second) * weight, size)
+            for key, first, second, weight, size in zip(
+                ("de00_mean", "flip_mean", "ssim"), *maps, weights, (BLOCK, BLOCK // 2, BLOCK), strict=True
+            )
+        }
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How the measures of one image scatter with the random numbers that all images of a picture share.
+
+    ``psnr``: PSNR with each batch left out (n,), dB; ``blocks``: measure -> :meth:`Picture._blocks`.
+    """
+
+    psnr: np.ndarray
+    blocks: Mapping[str, np.ndarray]
+
+    def joint(self, other: "Spread") -> dict[str, float]:
+        """Standard errors of the differences between two images' measures, by the names of IMAGE_MEASURES."""
+        found = {RANKED[key].error: _root(part - other.blocks[key]) for key, part in self.blocks.items()}
+        return found | {RANKED["psnr_db"].error: jackknife_error(self.psnr - other.psnr)}
+
+
+def _root(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).sum()))
+
+
+def _halved(image: np.ndarray) -> np.ndarray:
+    """Means of 2 x 2 pixels; a last odd row or column is doubled."""
+    image = np.pad(image, [(0, image.shape[0] % 2), (0, image.shape[1] % 2), *[(0, 0)] * (image.ndim - 2)], "edge")
+    return 0.25 * (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2])
+
+
+def block_sums(values: np.ndarray, size: int) -> np.ndarray:
+    """Sums over blocks of ``size`` x ``size`` pixels of (h, w), the last ones smaller; flat, float64."""
+    rows = np.add.reduceat(values, np.arange(0, values.shape[0], size), axis=0, dtype=np.float64)
+    return np.add.reduceat(rows, np.arange(0, values.shape[1], size), axis=1).ravel()
+
+
 def image_errors(reference: Render, image: Render, tone: Tone, *, common_numbers: bool = True) -> dict[str, float]:
     """All IMAGE_MEASURES of one pair, over the pixels of the reference's mask.
 
     ``common_numbers``: the pair shares random numbers batch by batch, and the noise's bias is taken out of the linear
-    measures. False for two references of different seeds (the noise floor), where the noise itself is what is
-    measured, and the plain MSE of the two averages is reported. Tone-mapped PSNR, dE00, FLIP and SSIM are not linear
-    and always are those of the averages; the row of the noise floor says how much of them is noise. Raises ValueError
-    as :func:`check_pair`.
+    measures. False for two references of different seeds, where the noise itself is what is measured, and the plain
+    MSE of the two averages is reported. Tone-mapped PSNR, dE00, FLIP and SSIM are not linear and always are those of
+    the averages; the row "reference, other seed" says how much of them is noise. Raises ValueError as
+    :func:`check_pair`.
     """
-    check_pair(reference, image)
-    mask = reference.mask
-    shown, compared = displayed(reference, image, tone)
-    a, b = (to_8_bit(x[mask]).astype(np.float64) for x in (shown, compared))
-    delta = delta_e_map(reference.mean[mask], image.mean[mask], tone.exposure)
-    values = linear_errors(reference, image, unbiased=common_numbers) | {
-        "psnr_tonemapped_db": psnr(255.0, float(np.mean((a - b) ** 2))),
-        "de00_mean": float(delta.mean(dtype=np.float64)),
-        "de00_p95": float(np.percentile(delta, 95)),
-        "flip_mean": float(flip_map(shown, compared)[mask].mean(dtype=np.float64)),
-        "ssim": float(ssim_map(shown, compared)[mask].mean(dtype=np.float64)),
-    }
-    return {name: values[name] for name in IMAGE_MEASURES}
+    return Picture(reference, tone).errors(image, common_numbers=common_numbers)[0]
 
 
 def material_errors(
     material: str, models: Sequence[str], tones: Mapping[str, Tone], folder: str | os.PathLike
-) -> pd.DataFrame:
-    """Image measures of one material, tidy: material, model, scene, status, then IMAGE_MEASURES.
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Image measures of one material, tidy: material, model, scene, status, then IMAGE_MEASURES; and the standard
+    errors of the differences between models of a picture: material, scene, model, other, then PAIR_ERRORS.
 
-    ``folder`` holds {model}/{scene}.exr with "reference" and, as the noise floor, "reference_again" beside the
+    ``folder`` holds {model}/{scene}.exr with "reference" and "reference_again", the same with another seed, beside the
     ``models``; ``tones`` has an entry a scene. A render that says it failed, and one with NaN or Inf, give a row with
     status "failed" and NaN measures. Raises ValueError, naming the scene, if a reference cannot be used.
     """
-    rows = []
+    rows, pairs = [], []
+    names = list(dict.fromkeys([*models, REFERENCE_AGAIN]))
     for scene, tone in tones.items():
-        reference = load_render(Path(folder) / REFERENCE / f"{scene}.exr")
         try:
-            check_pair(reference, reference)
+            picture = Picture(load_render(Path(folder) / REFERENCE / f"{scene}.exr"), tone)
         except ValueError as error:
             raise ValueError(f"{material}, {scene}: {error}") from None
-        for model in dict.fromkeys([*models, REFERENCE_AGAIN]):
+        spreads: dict[str, Spread] = {}
+        for model in names:
             row: dict[str, object] = {"material": material, "model": model, "scene": scene, "status": "failed"}
             image = load_render(Path(folder) / model / f"{scene}.exr")
             if image.meta.get("status", "ok") == "ok":
                 try:
-                    row |= image_errors(reference, image, tone, common_numbers=model != REFERENCE_AGAIN)
-                    row["status"] = "ok"
+                    values, spreads[model] = picture.errors(image, common_numbers=model != REFERENCE_AGAIN)
+                    row |= values | {"status": "ok"}
                 except ValueError as error:
                     log.warning("%s, %s, %s: %s", material, model, scene, error)
             rows.append(row)
+        spreads.pop(REFERENCE_AGAIN, None)
+        for model, other in combinations(spreads, 2):
+            joint = spreads[model].joint(spreads[other])
+            pairs.append({"material": material, "scene": scene, "model": model, "other": other} | joint)
     table = pd.DataFrame(rows, columns=["material", "model", "scene", "status", *IMAGE_MEASURES])
-    order = {name: i for i, name in enumerate(dict.fromkeys([*models, REFERENCE_AGAIN]))}
-    return table.sort_values("model", key=lambda names: names.map(order), kind="stable", ignore_index=True)
+    order = {name: i for i, name in enumerate(names)}
+    table = table.sort_values("model", key=lambda column: column.map(order), kind="stable", ignore_index=True)
+    return table, pd.DataFrame(pairs, columns=["material", "scene", "model", "other", *PAIR_ERRORS])
 
 
 def brdf_errors(fitted: np.ndarray, table: np.ndarray, weights: np.ndarray | None = None) -> dict[str, float]:
@@ -323,12 +487,16 @@ def errors_job(
     fits: str | os.PathLike,
     images_path: str | os.PathLike,
     brdf_path: str | os.PathLike,
+    pairs_path: str | os.PathLike | None = None,
 ) -> None:
-    """Write the two tables of one material, of :func:`material_errors` and :func:`material_brdf_errors`.
+    """Write the tables of one material: those of :func:`material_errors`, the second if ``pairs_path`` is given, and
+    that of :func:`material_brdf_errors`.
 
     ``tones``: scene -> (exposure, gamma).
     """
-    images = material_errors(material, models, {scene: Tone(*tone) for scene, tone in tones.items()}, renders)
-    brdf = material_brdf_errors(read_merl(binary), models, fits)
+    images, pairs = material_errors(material, models, {name: Tone(*tone) for name, tone in tones.items()}, renders)
+    brdf = material_brdf_errors(read(binary), models, fits)
     write_tsv(images_path, images)
+    if pairs_path:
+        write_tsv(pairs_path, pairs)
     write_tsv(brdf_path, brdf.assign(material=material))

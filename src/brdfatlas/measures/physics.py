@@ -11,8 +11,8 @@ from brdfatlas.angles import above_horizon
 from brdfatlas.fits import Fit
 from brdfatlas.measured import look_up
 
-#: incidence angles of the albedo, degrees; beyond 85 measurements, and so fits, say little
-INCIDENCE = tuple(range(0, 86, 5))
+#: incidence angles of the albedo, degrees; up to 89, where some models reflect several times the light that arrives
+INCIDENCE = (*range(0, 86, 5), 87, 88, 89)
 Evaluate = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -87,9 +87,8 @@ def physics_checks(fit_or_table: Fit | np.ndarray, table: np.ndarray | None = No
     """The checks of one fit, or of a table (90, 90, 180 or 360, 3) in 1/sr looked up between its cells.
 
     ``table``: the fit's own, if it is at hand. Returns reciprocity_error (:func:`reciprocity_error`), max_albedo
-    [r, g, b] (maximum of :func:`directional_albedo` over incidence of 0 to 85 degrees; above 1 more light leaves than
-    arrives) and bad_cells (:func:`bad_cells`). A table (90, 90, 180, 3) is
-    reciprocal by its coordinates.
+    [r, g, b] (maximum of :func:`directional_albedo` over incidence of 0 to 89 degrees; above 1 more light leaves than
+    arrives) and bad_cells (:func:`bad_cells`). A table (90, 90, 180, 3) is reciprocal by its coordinates.
     """
     if isinstance(fit_or_table, Fit):
         evaluate = fit_or_table.evaluate

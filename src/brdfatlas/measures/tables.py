@@ -5,6 +5,7 @@ All are pure functions of the tidy tables of :mod:`brdfatlas.measures.errors` an
 
 import os
 from collections.abc import Iterable, Sequence
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +13,24 @@ import pandas as pd
 
 from brdfatlas.constants import REFERENCE_AGAIN
 from brdfatlas.files import read_json
-from brdfatlas.measures.errors import BRDF_MEASURES, IMAGE_MEASURES
-from brdfatlas.measures.ranking import count_missing, subtract, told_apart
+from brdfatlas.measures.errors import BRDF_MEASURES, IMAGE_MEASURES, PAIR_ERRORS
+from brdfatlas.measures.ranking import (
+    LEADING,
+    PICTURE,
+    RANKED,
+    count_missing,
+    joint_errors,
+    judged,
+    subtract,
+    told_apart,
+)
 from brdfatlas.measures.tsv import read_tsv, write_tsv
 from brdfatlas.models.published import published_means, published_names, published_psnr
 
 CLASSES = ("all", "diffuse", "glossy", "specular")
-#: Two renders whose PSNRs differ by no more are a tie (Bagher et al. 2016, section 6).
+#: Two renders whose errors differ by no more are a tie (Bagher et al. 2016, section 6, for PSNR).
 TIE_DB = 2.0
-AVERAGED = tuple(name for name in IMAGE_MEASURES if name != "psnr_se_db")
+AVERAGED = tuple(name for name in IMAGE_MEASURES if name not in PAIR_ERRORS)
 BAGHER2016 = "Bagher et al. 2016"
 BILGILI2011 = "Bilgili et al. 2011"
 
@@ -46,7 +56,8 @@ def _groups(table: pd.DataFrame, classes: Sequence[str] = CLASSES) -> Iterable[t
 
 
 def summarise(errors: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
-    """Mean and median of every image measure per model, for each class of material and each scene and over all.
+    """Mean and median of every image measure per model, for each class of material and each scene and over all; dE00
+    first. Linear PSNR cannot be compared between materials: over several, its median is what to read.
 
     Columns: model, class, scene ("all" or a name), materials and how many of them are standins (built in, whatever
     became of their renders), count (renders that could be judged), failed, missing (renders that another model has
@@ -93,39 +104,47 @@ def summarise_brdf(brdf: pd.DataFrame, classes: pd.DataFrame, models: Sequence[s
 
 
 def count_wins(
-    errors: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str], tie_db: float = TIE_DB
+    errors: pd.DataFrame,
+    classes: pd.DataFrame,
+    models: Sequence[str],
+    *,
+    measure: str = LEADING,
+    pairs: pd.DataFrame | None = None,
+    tie_db: float = TIE_DB,
 ) -> pd.DataFrame:
-    """Wins, ties and losses in PSNR of every model against every other, per class, as in Bagher et al. 2016.
+    """Wins, ties and losses in a measure of every model against every other, per class, as in Bagher et al. 2016.
 
-    Columns: model, other, class, count, wins, ties, losses, materials, mean_difference_db, se_difference_db. A render
-    counts where both models have one; a PSNR more than ``tie_db`` above the other's wins if the noise tells the two
-    apart (:func:`.ranking.told_apart`; two infinite PSNRs tie). The mean difference is over materials, each
-    averaged over its scenes first, with the standard error of that mean by the spread over materials; a difference to
-    a lower bound below counts as 0. It is infinite where one PSNR is.
+    Columns: measure, model, other, class, count, wins, ties, losses, materials, mean_difference, se_difference. A
+    render counts where both models have one; an error more than ``tie_db`` below the other's
+    (:meth:`.ranking.Ranked.margin`) wins if the noise tells the two apart (:func:`.ranking.told_apart`, by the standard
+    errors of their differences in ``pairs``). The mean difference (model minus other, in the measure's unit) is over
+    materials, each averaged over its scenes first, with the standard error of that mean by the spread over materials;
+    in PSNR a difference to a lower bound below counts as 0, and it is infinite where one PSNR is.
     """
-    good = errors[errors["status"] == "ok"].merge(classes, on="material", how="left", validate="many_to_one")
+    ranked, joint = RANKED[measure], joint_errors(pairs, measure)
+    good = judged(errors, models, measure).merge(classes, on="material", how="left", validate="many_to_one")
     rows = []
     for class_name, members in _groups(good):
-        psnr, errors_of = (
-            members.pivot(index=["material", "scene"], columns="model", values=column)
-            for column in ("psnr_db", "psnr_se_db")
+        values, errors_of = (
+            members.pivot(index=PICTURE, columns="model", values=column) for column in (measure, ranked.error)
         )
-        present = [model for model in models if model in psnr]
-        for model in present:
-            for other in present:
-                if model == other:
-                    continue
-                both = psnr[[model, other]].notna().all(axis=1)
-                a, b = psnr.loc[both, model].to_numpy(), psnr.loc[both, other].to_numpy()
-                a_error, b_error = errors_of.loc[both, model].to_numpy(), errors_of.loc[both, other].to_numpy()
-                apart, difference = told_apart(a, a_error, b, b_error), subtract(a, b)
-                difference = np.where(np.isinf(np.where(a < b, a_error, b_error)), 0.0, difference)
-                wins, losses = int((apart & (difference > tie_db)).sum()), int((apart & (difference < -tie_db)).sum())
-                materials = psnr.index[both].get_level_values("material")
-                row = (model, other, class_name, len(a), wins, len(a) - wins - losses, losses)
-                rows.append((*row, *_over_materials(difference, materials)))
-    columns = ["model", "other", "class", "count", "wins", "ties", "losses"]
-    return pd.DataFrame(rows, columns=[*columns, "materials", "mean_difference_db", "se_difference_db"])
+        present = [model for model in models if model in values]
+        for model, other in permutations(present, 2):
+            both = values[[model, other]].notna().all(axis=1)
+            a, b = values.loc[both, model].to_numpy(), values.loc[both, other].to_numpy()
+            a_error, b_error = errors_of.loc[both, model].to_numpy(), errors_of.loc[both, other].to_numpy()
+            asked = pd.MultiIndex.from_tuples([(*picture, model, other) for picture in values.index[both]])
+            own = joint.reindex(asked).to_numpy() if len(joint) and len(asked) else np.nan
+            apart, margin = told_apart(a, a_error, b, b_error, own), ranked.margin(a, b)
+            difference = subtract(a, b)
+            bounded = np.isinf(np.where(a < b, a_error, b_error))
+            margin, difference = np.where(bounded, 0.0, margin), np.where(bounded, 0.0, difference)
+            wins, losses = int((apart & (margin > tie_db)).sum()), int((apart & (margin < -tie_db)).sum())
+            materials = values.index[both].get_level_values("material")
+            row = (measure, model, other, class_name, len(a), wins, len(a) - wins - losses, losses)
+            rows.append((*row, *_over_materials(difference, materials)))
+    columns = ["measure", "model", "other", "class", "count", "wins", "ties", "losses"]
+    return pd.DataFrame(rows, columns=[*columns, "materials", "mean_difference", "se_difference"])
 
 
 def _over_materials(values: np.ndarray, materials: pd.Index) -> tuple[int, float, float]:
@@ -149,7 +168,7 @@ def beside_published(errors: pd.DataFrame, classes: pd.DataFrame, models: Sequen
     """
     good = errors[errors["status"] == "ok"].merge(classes, on="material", how="left", validate="many_to_one")
     scenes = len(set(errors["scene"]))
-    means = published_means()
+    means = pd.DataFrame(published_means())
     means = means[(means["quantity"] == "psnr_mean") & means["source"].str.startswith("Bagher")]
     theirs = {name: published_psnr(name) for name in sorted(set(good["material"]) & set(published_names()))}
     rows = []
@@ -210,6 +229,7 @@ def write_tables(
     descriptions: Sequence[str | os.PathLike],
     models: Sequence[str],
     folder: str | os.PathLike,
+    pairs: Sequence[str | os.PathLike] = (),
 ) -> None:
     """Write errors.tsv and brdf.tsv (all rows), summary.tsv, summary_brdf.tsv, wins.tsv and published.tsv."""
     folder = Path(folder)
@@ -219,5 +239,7 @@ def write_tables(
     write_tsv(folder / "brdf.tsv", all_brdf.merge(words, on="material", how="left"))
     write_tsv(folder / "summary.tsv", summarise(all_errors, classes, models))
     write_tsv(folder / "summary_brdf.tsv", summarise_brdf(all_brdf, classes, models))
-    write_tsv(folder / "wins.tsv", count_wins(all_errors, classes, models))
+    joint = read_tsv(pairs) if len(pairs) else None
+    duels = [count_wins(all_errors, classes, models, measure=measure, pairs=joint) for measure in RANKED]
+    write_tsv(folder / "wins.tsv", pd.concat(duels, ignore_index=True))
     write_tsv(folder / "published.tsv", beside_published(all_errors, classes, models))

@@ -1,7 +1,9 @@
 """Tables in files: tab-separated, numbers that are none spelt out, names never taken for numbers."""
 
 import os
+import re
 from collections.abc import Iterable
+from pathlib import Path
 
 import pandas as pd
 
@@ -13,6 +15,7 @@ TEXT_COLUMNS = (
     "model",
     "variant",
     "other",
+    "measure",
     "scene",
     "status",
     "reason",
@@ -22,20 +25,41 @@ TEXT_COLUMNS = (
     "source",
 )
 
+#: What a spreadsheet may run; apostrophes before it, so that taking one off gives back what was.
+FORMULA = re.compile(r"'*[=+\-@\t\r]")
+
 
 def write_tsv(path: str | os.PathLike, table: pd.DataFrame, *, digits: int = 6) -> None:
-    """Numbers with so many significant digits, "nan" and "inf" spelt out; whole or not at all."""
+    """Numbers with so many significant digits, "nan" and "inf" spelt out; whole or not at all.
+
+    A cell of text that a spreadsheet would take for a formula (a file may be called "=1+1") gets an apostrophe before
+    it, which :func:`read_tsv` takes off.
+    """
+    words = table.select_dtypes(exclude="number").columns
+    table = table.assign(**{name: table[name].map(_guarded) for name in words})
     with atomic_path(path) as temporary:
         table.to_csv(temporary, sep="\t", index=False, float_format=f"%.{digits}g", na_rep="nan", lineterminator="\n")
+
+
+def _guarded(cell: object) -> object:
+    return f"'{cell}" if isinstance(cell, str) and FORMULA.match(cell) else cell
+
+
+def _unguarded(cell: str) -> str:
+    return cell[1:] if cell.startswith("'") and FORMULA.match(cell) else cell
 
 
 def read_tsv(paths: Iterable[str | os.PathLike] | str | os.PathLike) -> pd.DataFrame:
     """One table from the files that :func:`write_tsv` wrote; columns of TEXT_COLUMNS stay text, others are numbers.
 
-    An empty cell among numbers is NaN. ValueError for a word there.
+    An empty cell among numbers is NaN. ValueError for a word there, and for a file that was cut off.
     """
     files = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    for path in files:
+        if not Path(path).read_bytes().endswith(b"\n"):
+            raise ValueError(f"{path}: cut off, the last line has no end")
     tables = [pd.read_csv(path, sep="\t", dtype=str, na_filter=False) for path in files]
     table = pd.concat(tables, ignore_index=True)
+    table = table.map(_unguarded)
     numbers = [name for name in table.columns if name not in TEXT_COLUMNS]
     return table.assign(**{name: table[name].replace("", "nan").astype(float) for name in numbers})

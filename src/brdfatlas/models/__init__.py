@@ -11,9 +11,9 @@ from typing import Any
 
 from brdfatlas.models.base import Model
 from brdfatlas.models.entries import Entry, builtin_entries, read_entries
-from brdfatlas.models.loading import BUILTIN, installed_models, load_model, load_model_file
+from brdfatlas.models.loading import BUILTIN, installed_models, load_model, load_model_file, own_faults
 
-__all__ = ["MODELS", "Entry", "Registry", "load_model", "load_model_file", "read_entries", "use_entries"]
+__all__ = ["MODELS", "Entry", "Registry", "load_model", "load_model_file", "own_faults", "read_entries", "use_entries"]
 
 
 class Registry(Mapping[str, Model]):

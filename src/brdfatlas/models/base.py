@@ -147,6 +147,14 @@ class Result:
     details: dict[str, Any] = field(default_factory=dict)
 
 
+def numbers(values: Any) -> np.ndarray:
+    """What a model gives for values, if these are numbers: None would become NaN. ValueError if not."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"its values are {array.dtype}, not numbers")
+    return array
+
+
 class Model(ABC):
     """A reflectance model. A subclass states its class attributes and implements ``fit`` and ``evaluate``."""
 
@@ -162,6 +170,9 @@ class Model(ABC):
     #: False for the few published models that are not reciprocal: they are rendered and judged on the full circle of
     #: phi_d, and reports flag them.
     reciprocal: ClassVar[bool] = True
+    #: parameter -> (its name in the public collection of fits, "Node.key" or "Node.key.index", factor on its values);
+    #: empty for a model that is not in it (:mod:`.given`).
+    public_names: ClassVar[Mapping[str, tuple[str, Any]]] = {}
     #: True where the material chooses how many numbers a fit has; ``parameters`` then states the most common size.
     variable_size: ClassVar[bool] = False
 
@@ -191,7 +202,7 @@ class Model(ABC):
         table = np.zeros((*GRID_SHAPE, 3), np.float32)
         for row, seen in enumerate(above_horizon()):
             wi, wo = directions(theta_h[row], theta_d[0], phi_d[0])
-            table[row][seen] = self.evaluate(parameters, wi[seen], wo[seen])
+            table[row][seen] = numbers(self.evaluate(parameters, wi[seen], wo[seen]))
         return table
 
     # What a model may say of itself beside its values: code outside models/ asks these and never tests a name.
@@ -209,6 +220,14 @@ class Model(ABC):
     def parameters_of(self, options: Mapping[str, Any]) -> tuple[Parameter, ...]:
         """The parameters of a fit with these options. Override where an option chooses their shapes."""
         return self.parameters
+
+    def shape_fault(self, parameters: Parameters, options: Mapping[str, Any]) -> str:
+        """What is wrong with the shapes of a stored fit, in words; "" if nothing. A model of variable size overrides
+        it: compiled code trusts shapes."""
+        for parameter in () if self.variable_size else self.parameters_of(options):
+            if parameters[parameter.name].shape != parameter.shape:
+                return f"{parameter.name} has shape {parameters[parameter.name].shape}, not {parameter.shape}"
+        return ""
 
     def with_options(self, options: Mapping[str, Any]) -> "Model":
         """This model with other defaults, and the title and the parameters that follow from them: an entry's model.

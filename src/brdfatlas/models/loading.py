@@ -10,7 +10,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from brdfatlas.models.base import Model
+from brdfatlas.models.base import FitError, Model
 
 #: name of a class -> its module.
 BUILTIN = {
@@ -33,6 +33,12 @@ BUILTIN = {
     "bivariate": "brdfatlas.models.bagher2016.bivariate",
     "bivariate_g": "brdfatlas.models.bagher2016.bivariate_g",
     "low_rank": "brdfatlas.models.bagher2016.low_rank",
+    "lambert": "brdfatlas.models.engine.lambert",
+    "ggx_diffuse": "brdfatlas.models.engine.ggx_diffuse",
+    "ggx2_diffuse": "brdfatlas.models.engine.ggx2_diffuse",
+    "gltf": "brdfatlas.models.engine.gltf",
+    "principled": "brdfatlas.models.engine.principled",
+    "openpbr": "brdfatlas.models.engine.openpbr",
 }
 #: The group of entry points by which an installed package offers models, name = "package.module:Class".
 GROUP = "brdfatlas.models"
@@ -53,7 +59,7 @@ def load_model(name: str, source: str | Path | None = None) -> Model:
     if source:
         path = Path(source)
         if not path.is_file():
-            raise ImportError(f"{path}: no such model file")
+            return load_model_file(path, name)  # which says what is wrong
         return _from_file(path, name, path.stat().st_mtime_ns)
     return _by_name(name)
 
@@ -62,14 +68,18 @@ def load_model_file(path: str | Path, name: str | None = None) -> Model:
     """The model in a Python file outside the package. ImportError names the file and what is wrong with it."""
     path = Path(path)
     if not path.is_file():
-        raise ImportError(f"{path}: no such model file")
+        raise ImportError(f"{path}: {'not a regular file' if path.exists() else 'no such model file'}")
+    if path.suffix != ".py":
+        raise ImportError(f"{path}: a model's file ends in .py; rename it")
     spec = importlib.util.spec_from_file_location(f"brdfatlas_user_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     with _loading(str(path), str(spec.origin)):
         spec.loader.exec_module(module)
-    return _only_model(module, str(path), name)()
+    model = _only_model(module, str(path), name)
+    with _loading(str(path), str(spec.origin)):
+        return model()
 
 
 @cache
@@ -110,13 +120,33 @@ def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
 
 @contextmanager
 def _loading(origin: str, file: str = "") -> Iterator[None]:
-    """Any fault in the code of a model from outside as ImportError: one line, with the number of that in ``file``."""
+    """Any fault in the code of a model from outside as ImportError: one line, with the number of that in ``file``.
+
+    ``sys.exit`` is one of them: it would end the program with whatever status the model names.
+    """
     try:
         yield
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         if isinstance(error, SyntaxError) and error.filename == file:
             lines = [error.lineno]
         place = f"line {lines[-1]}: " if lines else ""
         message = error.msg if isinstance(error, SyntaxError) else str(error)
         raise ImportError(" ".join(f"{origin}: {place}{type(error).__name__}: {message}".split())) from error
+
+
+@contextmanager
+def own_faults(model: Model, material: str) -> Iterator[None]:
+    """Any fault in the code of a model from outside as FitError: one line with its place in the model's file."""
+    file = getattr(getattr(model.fit, "__code__", None), "co_filename", "")
+    try:
+        yield
+    except (MemoryError, OSError, FitError):
+        raise
+    except (Exception, SystemExit) as error:
+        if type(model).__module__.startswith("brdfatlas."):
+            raise
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+        place = f"{file}: line {lines[-1]}: " if lines else ""
+        message = " ".join(f"{place}{type(error).__name__}: {error}".split())
+        raise FitError(f"{model.name} on {material}: {message}") from error

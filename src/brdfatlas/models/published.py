@@ -4,12 +4,13 @@
 package has a copy.
 """
 
+import csv
 import difflib
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pandas as pd
 
 FOLDER = Path(__file__).parent.parent / "published_data"
 BILGILI2011 = "Bilgili, Öztürk and Kurt 2011, supplemental material"
@@ -24,24 +25,31 @@ class UnknownMaterialError(KeyError):
         return str(self.args[0])
 
 
+def _rows(name: str) -> list[dict[str, str]]:
+    with open(FOLDER / name, encoding="utf-8", newline="") as handle:
+        return list(csv.DictReader(handle))
+
+
 @cache
-def _table(model: str) -> pd.DataFrame:
-    return pd.read_csv(FOLDER / "bilgili2011" / f"{model}.csv", index_col="material")
+def _table(model: str) -> dict[str, dict[str, float]]:
+    """material -> column -> value; NaN where the source has none."""
+    table = {row.pop("material"): row for row in _rows(f"bilgili2011/{model}.csv")}
+    return {name: {key: float(text or "nan") for key, text in row.items()} for name, row in table.items()}
 
 
 def published_names() -> list[str]:
     """The 100 materials of the MERL database, spelled as the stems of its files."""
-    return list(_table("psnr").index)
+    return list(_table("psnr"))
 
 
-def published_table(model: str) -> pd.DataFrame:
-    """All published fits of one model of :data:`THREE_LOBE`: materials × (kd_r .. ks_b, shape numbers, psnr_db).
+def published_table(model: str) -> dict[str, dict[str, float]]:
+    """All published fits of one model of :data:`THREE_LOBE`: material -> kd_r .. ks_b, shape numbers, psnr_db.
 
     Source: Bilgili et al. 2011, supplemental tables. ValueError for a model without such a table.
     """
     if model not in THREE_LOBE:
         raise ValueError(f"no published parameters for model {model!r}; there are for {', '.join(THREE_LOBE)}")
-    return _table(model).copy()
+    return {name: dict(row) for name, row in _table(model).items()}
 
 
 def published_parameters(model: str, material: str) -> dict[str, np.ndarray]:
@@ -52,9 +60,9 @@ def published_parameters(model: str, material: str) -> dict[str, np.ndarray]:
     """
     table = published_table(model)
     check_name(material)
-    row = table.loc[material]
+    row = table[material]
     parameters = {name: np.array([row[f"{name}_{c}"] for c in "rgb"], float) for name in ("kd", "ks")}
-    for column in table.columns:
+    for column in row:
         if column.endswith("_1"):
             name = column[:-2]
             parameters[name] = np.array([row[f"{name}_{j}"] for j in (1, 2, 3)], float)
@@ -64,12 +72,12 @@ def published_parameters(model: str, material: str) -> dict[str, np.ndarray]:
 def published_psnr(material: str) -> dict[str, float]:
     """Published PSNR in dB by model (scene unknown); models whose caption did not survive are left out."""
     check_name(material)
-    return {str(k): float(v) for k, v in _table("psnr").loc[material].items() if np.isfinite(v)}
+    return {model: value for model, value in _table("psnr")[material].items() if np.isfinite(value)}
 
 
-def published_means() -> pd.DataFrame:
-    """quantity, model, value, unit, materials, conditions, source: the summary figures of the papers."""
-    return pd.read_csv(FOLDER / "means.csv")
+def published_means() -> list[dict[str, Any]]:
+    """Rows of quantity, model, value, unit, materials, conditions, source: the summary figures of the papers."""
+    return [row | {"value": float(row["value"]), "materials": int(row["materials"])} for row in _rows("means.csv")]
 
 
 def check_name(material: str) -> None:

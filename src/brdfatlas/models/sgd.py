@@ -20,10 +20,10 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, grid_cosines, half_difference, theta_d_centres, theta_h_centres
-from brdfatlas.constants import E2_ANGLE, MAX_ANGLE, OBJECTIVE_NAMES
+from brdfatlas.compiled import njit
+from brdfatlas.constants import MAX_ANGLE, OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.microfacet import schlick_weight
 from brdfatlas.models.base import (
@@ -37,7 +37,7 @@ from brdfatlas.models.base import (
     Result,
     objective_option,
 )
-from brdfatlas.objectives import least_squares_weights
+from brdfatlas.objectives import e2_weights, least_squares_weights
 from brdfatlas.sampling import Mixture, SgdLobe, mixture
 from brdfatlas.solvers.least_squares import Moments, NoFiniteStartError, Solution, fit_separable, latin_starts
 
@@ -77,6 +77,15 @@ class SGD(Model):
         Parameter("F0", (3,), "constant part of the Fresnel term, rgb", "", 0.0, MAX_FRESNEL),
         Parameter("F1", (3,), "part of the Fresnel term with cos theta_d, rgb", "", -MAX_FRESNEL, MAX_FRESNEL),
     )
+    #: theta0, c, k, lambda are left: they approximate the Smith G1 of D, which is what is evaluated here
+    public_names: ClassVar[Mapping[str, tuple[str, float]]] = {
+        "rho_d": ("Lambertian.albedo", 1.0),
+        "rho_s": ("Bagher.albedo", 1.0),
+        "alpha": ("Bagher.alpha", 1.0),
+        "p": ("Bagher.p", 1.0),
+        "F0": ("Bagher.eta.0", 1.0),
+        "F1": ("Bagher.eta.1", 1.0),
+    }
     options: ClassVar[Mapping[str, Option]] = {
         "objective": objective_option("compressive"),
         "starts": Option(48, "how many starts are tried in each channel", low=1),
@@ -292,6 +301,18 @@ def _merge(weights, rho, merged, target):
 
 
 @njit(cache=True, nogil=True)
+def _add_products(e, s, inner):
+    """Adds e_a S e_b to ``inner``, b <= a."""
+    for a in range(3):
+        for b in range(a + 1):
+            total = 0.0
+            for k in range(3):
+                for m in range(3):
+                    total += e[a, k] * s[k, m] * e[b, m]
+            inner[a, b] += total
+
+
+@njit(cache=True, nogil=True)
 def _pass(merged, target, position_i, position_o, inverse, e, count, inner, mixed, cross):
     """Adds up, per theta_d, the inner products of the columns e[u] · (g, dg/d ln alpha, dg/dp) with each other (inner),
     with 1 (mixed) and with the material (cross); g = 1 / (sigma_i sigma_o), u runs over the lobe and its derivatives.
@@ -342,18 +363,13 @@ def _pass(merged, target, position_i, position_o, inverse, e, count, inner, mixe
                 mixed[0, d] += a * m0
                 cross[0, d] += a * c0
                 continue
-            s[0, 0], s[0, 1], s[0, 2] = s00, s01, s02
-            s[1, 0], s[1, 1], s[1, 2] = s01, s11, s12
-            s[2, 0], s[2, 1], s[2, 2] = s02, s12, s22
             for a in range(3):
                 mixed[a, d] += e[a, h, 0] * m0 + e[a, h, 1] * m1 + e[a, h, 2] * m2
                 cross[a, d] += e[a, h, 0] * c0 + e[a, h, 1] * c1 + e[a, h, 2] * c2
-                for b in range(a + 1):
-                    total = 0.0
-                    for k in range(3):
-                        for m in range(3):
-                            total += e[a, h, k] * s[k, m] * e[b, h, m]
-                    inner[a, b, d] += total
+            s[0, 0], s[0, 1], s[0, 2] = s00, s01, s02
+            s[1, 0], s[1, 1], s[1, 2] = s01, s11, s12
+            s[2, 0], s[2, 1], s[2, 2] = s02, s12, s22
+            _add_products(e[:, h], s, inner[:, :, d])
 
 
 class _Channel:
@@ -426,14 +442,12 @@ def fit_channel_e2(rho: np.ndarray, n_starts: int, seed: int) -> Solution:
     which leaves a weighted sum of squares with a moved target; first about the material, from many starts. A step that
     does not lower E2 is not taken. Where none does, the gradients of both agree and the fit has converged."""
     theta_h, theta_d = theta_h_centres(), theta_d_centres()
-    keep = (theta_h[:, None, None] <= E2_ANGLE) & (theta_d[:, None] <= E2_ANGLE) & ~np.isnan(rho)
-    count = int(keep.sum())
-    if count == 0:
-        raise ValueError("no valid sample with theta_h and theta_d within 80 degrees")
+    share = e2_weights(~np.isnan(rho))
+    keep = share > 0
     cosine = np.where(keep, np.maximum(grid_cosines()[0], 0), 0).astype(float)
     measured = np.where(keep, rho, 0).astype(float)
     wanted = np.log1p(measured * cosine)
-    solution = fit_channel((cosine / (1 + measured * cosine)) ** 2, measured, n_starts, seed)
+    solution = fit_channel(share * (cosine / (1 + measured * cosine)) ** 2, measured, n_starts, seed)
     best, tried, history, settled = solution, solution.starts, [], False
     table = np.empty((*GRID_SHAPE, 1))
     for _ in range(30):
@@ -451,7 +465,7 @@ def fit_channel_e2(rho: np.ndarray, n_starts: int, seed: int) -> Solution:
         )
         f = np.where(keep, table[..., 0], 0)
         residual = np.log1p(f * cosine) - wanted
-        value = float((residual**2).sum() / count)
+        value = float(np.vdot(share, residual**2))
         settled = bool(history) and value >= history[-1] * (1 - 1e-6)
         if not history or value < history[-1]:
             history.append(value)
@@ -461,7 +475,7 @@ def fit_channel_e2(rho: np.ndarray, n_starts: int, seed: int) -> Solution:
         slope = np.where(keep, cosine / (1 + f * cosine), 0)
         target = f - np.where(keep, residual / np.where(keep, slope, 1), 0)
         solution = fit_separable(
-            merged_channel(slope**2, target),
+            merged_channel(share * slope**2, target),
             solution.x,
             LOWER,
             UPPER,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from brdfatlas.rendering.scenes import SceneError, check_settings
-from brdfatlas.settings import ConfigError, check, check_name, read_yaml
+from brdfatlas.settings import ConfigError, check, check_name, read_yaml, typed
 
 SCHEMAS = Path("workflow") / "schemas"
 
@@ -55,4 +55,9 @@ def choose(wanted: str | list[str], known: list[str], key: str, source: str) -> 
 
 def read_config(config: Mapping[str, Any], source: str = "config") -> dict[str, Any]:
     """The main configuration, completed and checked."""
-    return check(dict(config), read_yaml(SCHEMAS / "config.schema.yaml"), source)
+    schema = read_yaml(SCHEMAS / "config.schema.yaml")
+    config = check(typed(dict(config), schema), schema, source)
+    folder = Path(config["merl_folder"])
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"{source}: merl_folder: {folder}: not a folder; name the folder that holds the files")
+    return config

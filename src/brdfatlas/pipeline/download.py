@@ -17,7 +17,8 @@ from typing import Any, BinaryIO
 import requests
 
 from brdfatlas.files import atomic_path, read_json, write_json, write_text
-from brdfatlas.measured import FILE_BYTES, MeasuredError, check_header
+from brdfatlas.formats.merl import FILE_BYTES, check_header
+from brdfatlas.measured import MeasuredError
 
 CHUNK = 1 << 20
 #: Statuses that may pass by themselves; every other fault of the server is final.
@@ -438,9 +439,16 @@ def fetch_merl_job(source: Mapping[str, Any], folder: str, record: str, say: Cal
         raise SystemExit(f"merl: {error}") from None
 
 
-def fetch_asset_job(source: Mapping[str, Any], path: str, record: str, say: Callable[[str], None]) -> None:
-    """Body of the rule: a fault ends the job with its one line."""
-    try:
-        fetch_asset(path, remote_of(source), record, source["member"] or None, say=say)
-    except DownloadError as error:
-        raise SystemExit(f"assets: {error}") from None
+def fetch_assets_job(assets: Mapping[str, Mapping[str, Any]], folder: str, say: Callable[[str], None]) -> None:
+    """Body of the rule: fetch what is not in ``folder`` yet; what is there stays as it is, whoever put it there."""
+    for name, source in assets.items():
+        path = Path(folder) / name
+        if path.exists():
+            say(f"{path}: there already")
+            continue
+        say(f"{path}: {source['terms']}")
+        record = path.parent / "checksums" / f"{name}.json"
+        try:
+            fetch_asset(path, remote_of(source), record, source["member"] or None, say=say)
+        except DownloadError as error:
+            raise SystemExit(f"assets: {error}") from None

@@ -9,7 +9,7 @@ from typing import Any
 
 from brdfatlas.files import write_json
 from brdfatlas.fits import describe_fit, fit
-from brdfatlas.measured import read_merl
+from brdfatlas.formats import read
 from brdfatlas.measures.physics import physics_checks
 from brdfatlas.models import Entry
 
@@ -31,7 +31,7 @@ def fit_job(
     of the machine (memory, disk) are raised: the job fails and the next run tries again.
     """
     row = Entry(**entry)
-    measured = read_merl(binary, standin=standin)
+    measured = read(binary, standin=standin)
     start = time.perf_counter()
     try:
         fitted = fit(row, measured, seed=seed)

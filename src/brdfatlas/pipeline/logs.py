@@ -1,17 +1,24 @@
 """A job's output goes to its log file; a fault goes to the log and to the terminal."""
 
+import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
+#: The name of a file that a run made, in an error's text.
+RESULT = re.compile(r"\b(results|reports)/[A-Za-z0-9._/-]*[A-Za-z0-9]")
+
 
 @contextmanager
 def logged(path: str | Path) -> Iterator[Callable[[str], None]]:
     """Send what the block prints to ``path``; on a fault print one line to the terminal, the whole to the log.
 
-    The block gets a function that says a line to both, for jobs that a person waits for.
+    The block gets a function that says a line to both, for jobs that a person waits for. Linear algebra uses one
+    thread in it: jobs run beside each other, and sums have one order.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -23,12 +30,22 @@ def logged(path: str | Path) -> Iterator[Callable[[str], None]]:
             print(line, file=terminal, flush=True)
 
         try:
-            yield say
+            with threadpool_limits(1):
+                yield say
         except SystemExit as stop:
             print(stop.code, file=log)
             print(stop.code, file=terminal)
             raise SystemExit(1) from None
         except BaseException as error:
             traceback.print_exc(file=log)
-            print(f"{type(error).__name__}: {error} (log: {path})", file=terminal)
+            print(f"{fault(error)} (log: {path})", file=terminal)
             raise SystemExit(1) from None
+
+
+def fault(error: BaseException) -> str:
+    """An error in one line; with the remedy where it names a file that a run made."""
+    words = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    named = RESULT.search(words)
+    if named and Path(named[0]).is_file() and not getattr(error, "errno", None):
+        return f"{words}; if {named[0]} is damaged, delete it: the next run makes it again"
+    return words

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from brdfatlas.files import read_json
-from brdfatlas.measured import MeasuredError, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import MeasuredError
 from brdfatlas.objectives import importance_weight
 from brdfatlas.pipeline.configuration import choose
 from brdfatlas.pipeline.standins import standin_names
@@ -109,7 +110,7 @@ def _fault(name: str, path: Path) -> str:
     if not NAME.match(name):
         return f"{path}: the name may have letters, digits, '.', '_' and '-' only; rename the file"
     try:
-        measured = read_merl(path)
+        measured = read(path)
     except MeasuredError as error:
         return str(error)
     counted = importance_weight(measured.valid) > 0

@@ -1,7 +1,6 @@
 """What a run records of its materials and of itself: descriptions, versions, verdict."""
 
 import hashlib
-import json
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -13,8 +12,9 @@ import numpy as np
 
 from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
-from brdfatlas.files import write_json
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.files import read_json, write_json
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured
 from brdfatlas.measures.diffuseness import diffuseness, material_class
 from brdfatlas.measures.physics import directional_albedo
 
@@ -43,7 +43,7 @@ def describe_material(measured: Measured) -> dict[str, Any]:
 def describe_material_job(binary: str, standin: bool, output: str) -> None:
     """Write the description of one material."""
     digest = hashlib.sha256(Path(binary).read_bytes()).hexdigest()
-    write_json(output, describe_material(read_merl(binary, standin=standin)) | {"sha256": digest})
+    write_json(output, describe_material(read(binary, standin=standin)) | {"sha256": digest})
 
 
 def revision(root: Path) -> str:
@@ -91,7 +91,7 @@ def manifest(
     versions: Mapping[str, str],
 ) -> dict[str, Any]:
     """Everything that is needed to repeat a run: configuration, seeds, versions, inputs with checksums, revision."""
-    described = [json.loads(Path(path).read_text(encoding="utf-8")) for path in descriptions]
+    described = [read_json(path) for path in descriptions]
     return {
         "revision": revision,
         "versions": versions,
@@ -108,9 +108,9 @@ def failures(reports: Sequence[str]) -> list[str]:
     """One line for each failed fit among report files."""
     lines = []
     for path in reports:
-        report = json.loads(Path(path).read_text(encoding="utf-8"))
+        report = read_json(path)
         if report["status"] != "ok":
-            lines.append(f"{report['model']} on {report['material']}: {report['reason']}")
+            lines.append(f"{report['entry']} on {report['material']}: {report['reason']}")
     return lines
 
 

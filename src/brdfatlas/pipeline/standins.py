@@ -10,7 +10,8 @@ import os
 import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon
-from brdfatlas.measured import Measured, write_merl
+from brdfatlas.formats.merl import write_merl
+from brdfatlas.measured import Measured
 from brdfatlas.models.published import check_name, published_names, published_parameters
 from brdfatlas.models.three_lobe.ashikhmin_shirley import AshikhminShirley
 from brdfatlas.models.three_lobe.cook_torrance import CookTorrance

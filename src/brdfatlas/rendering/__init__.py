@@ -25,6 +25,11 @@ def use_variant(variant: str = "llvm_ad_rgb", threads: int | None = None) -> Mod
 
     if variant not in mi.variants():
         raise ValueError(f"rendering.variant: Mitsuba has no variant {variant!r}; it has {', '.join(mi.variants())}")
+    if variant.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
+        raise ValueError(
+            f"rendering.variant: {variant} needs an NVIDIA GPU with its driver, and there is none here; "
+            "choose llvm_ad_rgb or scalar_rgb"
+        )
     if mi.variant() != variant:
         mi.set_variant(variant)
     if threads is not None:

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, above_horizon
-from brdfatlas.measured import Measured, MeasuredError, extend, extension_index, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured, MeasuredError, extend, extension_index
 from brdfatlas.rendering.arrays import aligned, upload
 from brdfatlas.rendering.density import LIST_LENGTH, N_ELEVATIONS, Density, sampling_density
 
@@ -33,7 +34,7 @@ def load_table(filename: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
 
     if is_fit_file(filename):
         return load_fit(filename).table(), above_horizon()
-    measured = read_merl(filename)
+    measured = read(filename)
     return measured.table, measured.valid
 
 

@@ -4,13 +4,14 @@ Mitsuba's convention: the texel (row j, column i) of an image (h, w, 3) looks al
 with t = pi j / (h - 1) and p = 2 pi (i + 1/2) / w; y is up, between texels radiance is bilinear.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from brdfatlas.rendering.images import load_exr
+from brdfatlas.rendering.images import MOST_PIXELS, load_exr
 
 HDR_SUFFIXES = (".hdr", ".rgbe", ".pfm", ".exr")
 
@@ -168,40 +169,81 @@ def read_probe(path: str, mapping: str, width: int, key: str) -> np.ndarray:
     Raises ProbeError with one line that names ``key`` and the file: missing, not an HDR format, truncated, not
     finite, negative, black, or of another aspect than its mapping.
     """
-    import mitsuba as mi
-
     file = Path(path)
     if not path:
         raise ProbeError(f"{key}: kind file needs the path of a light probe (.hdr, .pfm or .exr)")
     if not file.is_file():
-        raise ProbeError(f"{key}: {path}: no such file; correct the path or leave the scene out")
+        fault = "not a regular file" if file.exists() else "no such file"
+        raise ProbeError(f"{key}: {path}: {fault}; correct the path or leave the scene out")
     if file.suffix.lower() not in HDR_SUFFIXES:
         raise ProbeError(f"{key}: {path}: not a high-dynamic-range format ({', '.join(HDR_SUFFIXES)})")
     try:
-        if file.suffix.lower() == ".exr":
-            # Not by Mitsuba, whose EXR reader waits for ever where Dr.Jit has been told to use one thread.
-            image = load_exr(file)
-        else:
-            bitmap = mi.Bitmap(str(file)).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
-            image = np.array(bitmap, np.float32)
-    except Exception as error:
-        reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
+        image = {".exr": load_exr, ".pfm": read_pfm}.get(file.suffix.lower(), read_rgbe)(file)
+    except (ValueError, OSError) as error:
+        reason = " ".join(str(error).replace(f"{path}: ", "").split())
         raise ProbeError(f"{key}: {path}: cannot be read, truncated or damaged ({reason})") from None
     height = image.shape[0]
     if not np.isfinite(image).all():
         raise ProbeError(f"{key}: {path}: holds NaN or Inf")
-    if image.min() < 0:
+    if image.size and image.min() < 0:
         raise ProbeError(f"{key}: {path}: holds negative radiance")
-    if image.max() <= 0:
+    if image.size and image.max() <= 0:
         raise ProbeError(f"{key}: {path}: is black")
-    aspect = image.shape[1] / height
     expected = 2 if mapping == "latlong" else 1
-    if min(image.shape[:2]) < 4 or abs(aspect / expected - 1) > 0.03:
+    if min(image.shape[:2]) < 4 or abs(image.shape[1] / height / expected - 1) > 0.03:
         raise ProbeError(
             f"{key}: {path}: {image.shape[1]} x {height} is not a {mapping} image, which is {expected} times "
             "as wide as high; is mapping right?"
         )
     return image if mapping == "latlong" else from_angular_map(image, width)
+
+
+def _size(width: int, height: int) -> tuple[int, int]:
+    """A stated size if a picture can have it. ValueError if not."""
+    if width < 1 or height < 1 or width * height > MOST_PIXELS:
+        raise ValueError(f"{width} x {height} pixels; a probe has 1 to {MOST_PIXELS:,}")
+    return width, height
+
+
+def read_pfm(file: Path) -> np.ndarray:
+    """A PFM as (h, w, 3) float32: "PF" or "Pf", width, height, scale (negative: little-endian), rows from the bottom.
+
+    ValueError for what is none.
+    """
+    data = file.read_bytes()
+    parts = data[:256].split(maxsplit=4)
+    if len(parts) < 4 or parts[0] not in (b"PF", b"Pf"):
+        raise ValueError("no PFM header")
+    width, height = _size(int(parts[1]), int(parts[2]))
+    scale, channels = float(parts[3]), 3 if parts[0] == b"PF" else 1
+    if not np.isfinite(scale) or scale == 0:
+        raise ValueError(f"scale {scale:g}, not a finite number")
+    # one white space ends the header
+    start = data.index(parts[3], data.index(parts[2], data.index(parts[1]) + len(parts[1])) + len(parts[2]))
+    start += len(parts[3]) + 1
+    count = width * height * channels
+    if len(data) - start < 4 * count:
+        raise ValueError(f"truncated, {len(data):,} of {start + 4 * count:,} bytes")
+    values = np.frombuffer(data, "<f4" if scale < 0 else ">f4", count, start).reshape(height, width, channels)
+    with np.errstate(over="ignore"):  # infinity is told of by the caller
+        return np.repeat(values[::-1].astype(np.float32) * np.float32(abs(scale)), 3 // channels, -1)
+
+
+def read_rgbe(file: Path) -> np.ndarray:
+    """A Radiance picture as (h, w, 3) float32, by Mitsuba, after a look at its header. ValueError for what is none."""
+    import mitsuba as mi
+
+    with open(file, "rb") as handle:
+        head = handle.read(65536)
+    found = re.search(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n", head)
+    if not head.startswith((b"#?RADIANCE", b"#?RGBE")) or not found:
+        raise ValueError("no Radiance header with rows from the top (-Y h +X w)")
+    _size(int(found[2]), int(found[1]))
+    try:
+        bitmap = mi.Bitmap(str(file)).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
+    except Exception as error:
+        raise ValueError((str(error).strip() or type(error).__name__).splitlines()[-1]) from None
+    return np.array(bitmap, np.float32)
 
 
 def from_angular_map(image: np.ndarray, width: int) -> np.ndarray:
@@ -239,4 +281,8 @@ def environment_image(environment: Mapping[str, Any], key: str) -> np.ndarray:
         image = sunsky(width, environment["turbidity"], environment["sun_elevation"])
     else:
         image = _render({"studio": studio, "overcast": overcast, "hall": hall}[kind], width)
-    return np.ascontiguousarray(turned(image, environment["turn"]) * environment["scale"], np.float32)
+    with np.errstate(over="ignore"):
+        scaled = np.ascontiguousarray(turned(image, environment["turn"]) * environment["scale"], np.float32)
+    if not np.isfinite(scaled).all():
+        raise ProbeError(f"{key}.scale: {environment['scale']:g} makes radiance infinite; take a smaller one")
+    return scaled

@@ -10,6 +10,8 @@ import numpy as np
 from brdfatlas.files import atomic_path
 
 _PREFIX = "brdfatlas:"
+#: A picture of 16,384 x 8,192; a header that states more lies.
+MOST_PIXELS = 2**27
 
 
 class ImageError(ValueError):
@@ -53,13 +55,33 @@ def save_render(path: str | os.PathLike, render: Render) -> None:
         OpenEXR.File(header, channels).write(str(temporary))
 
 
+def save_picture(path: str | os.PathLike, render: Render) -> None:
+    """Write a render as ``path`` says: .png, by its own tone map, or else EXR (:func:`save_render`)."""
+    if Path(path).suffix.lower() != ".png":
+        return save_render(path, render)
+    from PIL import Image, PngImagePlugin
+
+    notes = PngImagePlugin.PngInfo()
+    notes.add_text("Software", "brdfatlas")
+    for key, value in render.meta.items():
+        notes.add_itxt(_PREFIX + key, str(value))
+    exposure, gamma = float(render.meta["exposure"]), float(render.meta["gamma"])
+    pixels = np.rint(tone_map(render.mean, exposure, gamma) * 255).astype(np.uint8)
+    with atomic_path(path) as temporary:
+        Image.fromarray(pixels).save(temporary, "PNG", pnginfo=notes)
+
+
 def _open(path: str | os.PathLike) -> tuple[dict, dict[str, np.ndarray]]:
     import OpenEXR
 
     path = Path(path)
     if not path.is_file():
-        raise ImageError(f"{path}: no such image")
+        raise ImageError(f"{path}: {'not a regular file' if path.exists() else 'no such image'}")
     try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            (left, top), (right, bottom) = file.header()["dataWindow"]
+        if (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1) > MOST_PIXELS:
+            raise ValueError(f"more than {MOST_PIXELS:,} pixels")
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
             return dict(file.header()), channels

@@ -15,7 +15,8 @@ import numpy as np
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import Fit, is_fit_file, load_fit
-from brdfatlas.measured import Measured, read_merl
+from brdfatlas.formats import read
+from brdfatlas.measured import Measured
 from brdfatlas.rendering import RENDERING, use_variant
 from brdfatlas.rendering.images import ImageError, Render, load_render, read_meta, save_render
 from brdfatlas.rendering.scenes import (
@@ -178,7 +179,7 @@ def render_file(
         raise SceneError(f"{source}: no scene {scene!r}; it has {', '.join(definitions)}")
     check_settings(size, samples, batches)
     if isinstance(item, str | os.PathLike):
-        item = load_fit(item) if is_fit_file(item) else read_merl(item)
+        item = load_fit(item) if is_fit_file(item) else read(item)
     material = item.material if isinstance(item, Fit) else item.name
     model = item.entry if isinstance(item, Fit) else REFERENCE
     if isinstance(item, Fit):
@@ -240,7 +241,7 @@ def render_job(
     fingerprint is still right is kept; the others are rendered together. A failed fit gives a black picture with
     ``meta["status"] = "failed"``.
     """
-    measured, prepared = replace(read_merl(binary, standin=standin), name=material), load_scene(scene)
+    measured, prepared = replace(read(binary, standin=standin), name=material), load_scene(scene)
     names = [name for name in outputs if name in fits]
     with ThreadPoolExecutor(threads) as pool:
         tables = dict(zip(names, pool.map(_table_of, *zip(*(fits[name] for name in names))))) if names else {}

@@ -4,10 +4,9 @@ Dr.Jit's code generator ends the whole process with LLVM 14 and 15 ("Cannot sele
 machines have. ``LLVMGetVersion`` has been exported since LLVM 16: a library without it is too old. Candidates are
 probed in a child process, so that no broken library can take this one down.
 
-``python -m brdfatlas.rendering.llvm --install`` prints the path of a usable library, installing one by apt if needed.
+``python -m brdfatlas.rendering.llvm`` prints the path of a usable library; scripts/setup installs one where it can.
 """
 
-import argparse
 import os
 import re
 import shutil
@@ -20,17 +19,6 @@ MINIMUM = 16
 #: Newer ones are tried only when nothing else is there.
 KNOWN_GOOD = 22
 VARIABLE = "DRJIT_LIBLLVM_PATH"
-#: In the order in which apt is asked: Debian 12 has 19, Ubuntu 24.04 has 18 and, in its updates, 19.
-APT_PACKAGES = (
-    "libllvm19",
-    "libllvm20",
-    "libllvm18",
-    "libllvm21",
-    "libllvm22",
-    "libllvm17t64",
-    "libllvm17",
-    "libllvm16",
-)
 
 ADVICE = (
     f"Mitsuba needs a libLLVM of version {MINIMUM} or newer (14 and 15 make it abort) and none was found. "
@@ -133,52 +121,13 @@ def use_libllvm() -> Path:
     return path
 
 
-def install() -> Path:
-    """:func:`find_libllvm`, else install one by apt where that is allowed. LlvmError if neither works."""
-    path = find_libllvm()
-    if path is not None:
-        return path
-    prefix = _apt_prefix()
-    if prefix is None:
-        raise LlvmError(ADVICE)
-    environment = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
-    _run([*prefix, "apt-get", "-q", "update"], environment)
-    for package in APT_PACKAGES:
-        known = subprocess.run(["apt-cache", "show", "--no-all-versions", package], capture_output=True).returncode == 0
-        options = ["-y", "-q", "--no-install-recommends", "-o", "DPkg::Lock::Timeout=300"]
-        if known and _run([*prefix, "apt-get", "install", *options, package], environment):
-            path = find_libllvm()
-            if path is not None:
-                return path
-    raise LlvmError(ADVICE)
-
-
-def _apt_prefix() -> list[str] | None:
-    """How to call apt-get: directly as root, through sudo if that asks no password; None if not at all."""
-    if not shutil.which("apt-get"):
-        return None
-    if os.geteuid() == 0:
-        return []
-    if shutil.which("sudo") and subprocess.run(["sudo", "-n", "true"], capture_output=True).returncode == 0:
-        return ["sudo", "-n"]
-    return None
-
-
-def _run(command: list[str], environment: dict[str, str]) -> bool:
-    print("+ " + " ".join(command), file=sys.stderr)
-    return subprocess.run(command, env=environment, stdout=sys.stderr, stdin=subprocess.DEVNULL).returncode == 0
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Print the path of a usable libLLVM, with ``--install`` after installing one where none is; 1 if there is none."""
-    parser = argparse.ArgumentParser(prog="python -m brdfatlas.rendering.llvm", description=__doc__.split("\n")[0])
-    parser.add_argument("--install", action="store_true", help="install one by apt where none is found and apt may")
+def main() -> int:
+    """Print the path of a usable libLLVM; 1 and the advice if there is none."""
     try:
-        path = install() if parser.parse_args(argv).install else use_libllvm()
+        print(use_libllvm())
     except LlvmError as error:
         print(error, file=sys.stderr)
         return 1
-    print(path)
     return 0
 
 

@@ -3,17 +3,14 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from brdfatlas.constants import REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.measures import tsv
-from brdfatlas.measures.ranking import count_missing
+from brdfatlas.measures.summary import Summary
 from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS
 
@@ -21,54 +18,6 @@ FIT_COLUMNS = [
     *("material", "model", "standin", "status", "reason", "seconds", "iterations", "converged"),
     *("objective", "objective_name", "seed", "bytes", "reciprocity_error", "max_albedo", "bad_cells", "options"),
 ]
-#: The measured table rendered with another seed: what remains of a measure when nothing but the noise differs.
-NOISE_FLOOR = REFERENCE_AGAIN
-
-
-@dataclass(frozen=True)
-class Measure:
-    """A column of the error tables: how it is called, its unit, the better direction and the decimals worth printing;
-    None where values span decades and significant digits tell more."""
-
-    key: str
-    title: str
-    unit: str
-    higher_is_better: bool
-    digits: int | None
-    description: str
-
-    @property
-    def label(self) -> str:
-        return f"{self.title} ({self.unit})" if self.unit else self.title
-
-
-MEASURES = (
-    Measure(
-        "psnr_db",
-        "PSNR",
-        "dB",
-        True,
-        1,
-        "10 log10(max² / MSE) of linear RGB over the pixels that the material covers directly",
-    ),
-    Measure("psnr_tonemapped_db", "PSNR, tone-mapped", "dB", True, 1, "PSNR of the tone-mapped 8-bit pictures"),
-    Measure("de00_mean", "ΔE00 mean", "", False, 2, "mean CIEDE2000 colour difference over the material"),
-    Measure("de00_p95", "ΔE00 95 %", "", False, 2, "95th percentile of the CIEDE2000 colour difference"),
-    Measure("flip_mean", "FLIP mean", "", False, 3, "mean of the FLIP difference, made for flipping between pictures"),
-    Measure("ssim", "SSIM", "", True, 4, "structural similarity of the tone-mapped pictures"),
-    Measure("rmse", "RMSE", "", False, None, "root mean square error of linear RGB"),
-    Measure("rel_mse", "relative MSE", "", False, None, "mean squared error relative to the squared reference"),
-)
-BRDF_MEASURES = (
-    Measure(
-        "objective_compressive", "compressive objective", "", False, 5, "the weighted objective of Bagher et al. 2016"
-    ),
-    Measure("loew_e2", "Löw E2", "", False, 5, "mean squared difference of ln(1 + ρ cos θi), Löw et al. 2012"),
-    Measure(
-        "cosine_weighted", "cosine-weighted", "", False, 5, "root mean square of (ρ − ρ*) cos θi, Ngan et al. 2005"
-    ),
-    Measure("log_deviation", "log deviation", "", False, 4, "mean |log1p(f cos) − log1p(g cos)| for cosines above 0.1"),
-)
 
 
 @dataclass(frozen=True)
@@ -87,12 +36,19 @@ class ModelFacts:
     variable_size: bool
     status: str
     reciprocal: bool
+    family: str = "analytic"
+    targets: tuple[str, ...] = ()
+    source: str = ""
     parameters: tuple[dict[str, Any], ...] = ()
     options: tuple[dict[str, Any], ...] = ()
 
     @property
     def ours(self) -> bool:
         return self.status.lower().startswith("ours")
+
+    @property
+    def short_status(self) -> str:
+        return self.status.split(":")[0]
 
 
 @dataclass(frozen=True)
@@ -138,16 +94,6 @@ class Material:
     def standin(self) -> bool:
         return bool(self.facts.get("standin"))
 
-    @cached_property
-    def scores(self) -> dict[str, dict[str, "Score"]]:
-        """Means over the scenes, by model and measure."""
-        return score_models(self.errors)
-
-    @cached_property
-    def missing(self) -> dict[str, int]:
-        """Scenes that a model lacks and another has, by model."""
-        return count_missing(self.errors, [name for name in dict.fromkeys(self.errors["model"]) if name != NOISE_FLOOR])
-
     def stored_bytes(self, model: str) -> int | None:
         """What the fit of a model stores, which a model of variable size decides by the material; None if it
         failed."""
@@ -172,11 +118,17 @@ def model_facts(name: str) -> ModelFacts:
         variable_size=model.variable_size,
         status=model.status,
         reciprocal=model.reciprocal,
+        family=family_of(model),
+        targets=tuple(model.targets),
+        source=f"{type(model).__module__.replace('.', '/')}.py" if "brdfatlas." in type(model).__module__ else "",
         parameters=tuple(
             {
                 "name": item.name,
                 "shape": " × ".join(map(str, item.shape)) or "1",
                 "range": _range(item.low, item.high),
+                "low": item.low,
+                "high": item.high,
+                "count": item.count,
                 "unit": item.unit,
                 "dtype": item.dtype,
                 "bytes": item.bytes,
@@ -194,6 +146,28 @@ def model_facts(name: str) -> ModelFacts:
             for key, option in model.options.items()
         ),
     )
+
+
+#: Families of models, as charts colour them, by the folder of the class; a model from outside goes by its size.
+FAMILIES = ("engine", "analytic", "tabulated", "factored", "ours")
+FAMILY_OF_FOLDER = {
+    "engine": "engine",
+    "dupuy2015": "tabulated",
+    "factorised": "factored",
+    "bagher2016": "factored",
+    "single_lobe": "analytic",
+    "three_lobe": "analytic",
+}
+SMALL = 64
+
+
+def family_of(model: Any) -> str:
+    """One of FAMILIES."""
+    if model.status.lower().startswith("ours"):
+        return "ours"
+    folder = type(model).__module__.split(".")[-2:-1]
+    known = FAMILY_OF_FOLDER.get(folder[0]) if folder else None
+    return known or ("analytic" if model.free_parameters <= SMALL else "tabulated")
 
 
 def _range(low: float, high: float) -> str:
@@ -289,6 +263,22 @@ def _flat(value: Any, index: str = "") -> list[tuple[str, float]]:
     return []
 
 
+def summarise_run(materials: Sequence[Material], models: Mapping[str, ModelFacts]) -> Summary:
+    """The summary of a run, or of one material of it."""
+    return Summary(
+        models,
+        stack([material.errors for material in materials]),
+        stack([fits_frame(material) for material in materials]),
+        {material.name: str(material.facts.get("class") or "") for material in materials},
+    )
+
+
+def stack(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """One table of many; the columns of the first where none has a row."""
+    filled = [frame for frame in frames if not frame.empty]
+    return pd.concat(filled, ignore_index=True) if filled else frames[0].copy()
+
+
 def _one_line(text: Any) -> str:
     return " ".join(str(text).split())
 
@@ -311,65 +301,3 @@ def published_row(folder: str | Path | None, model: str, material: str) -> dict[
         if len(rows) and model in frame and str(rows.iloc[0][model]) not in ("", "nan"):
             row["psnr_db"] = float(rows.iloc[0][model])
     return row
-
-
-@dataclass(frozen=True)
-class Score:
-    """Mean of a measure with the Monte Carlo standard error of that mean and how many pictures it is over."""
-
-    mean: float
-    error: float
-    count: int
-
-
-NO_SCORE = Score(float("nan"), float("nan"), 0)
-
-
-def score_models(errors: pd.DataFrame) -> dict[str, dict[str, Score]]:
-    """model -> measure -> mean over all its good pictures. PSNR carries the standard error of the mean; it is infinite
-    where a picture has a lower bound only, and so has the mean."""
-    found: dict[str, dict[str, Score]] = {}
-    for model, rows in errors[errors["status"] == "ok"].groupby("model", sort=False):
-        found[str(model)] = {}
-        for measure in MEASURES:
-            if measure.key not in rows:
-                continue
-            values = rows[measure.key].to_numpy(float)
-            known = ~np.isnan(values)
-            count = int(known.sum())
-            if count == 0:
-                continue
-            spread = float("nan")
-            if measure.key == "psnr_db" and "psnr_se_db" in rows:
-                spread = float(np.sqrt(np.nansum(rows["psnr_se_db"].to_numpy(float)[known] ** 2))) / count
-            found[str(model)][measure.key] = Score(float(values[known].mean()), spread, count)
-    return found
-
-
-def score_of(scores: Mapping[str, Mapping[str, Score]], model: str, measure: str = "psnr_db") -> Score:
-    """The score of a model; nan over 0 pictures where there is none."""
-    return scores.get(model, {}).get(measure, NO_SCORE)
-
-
-def best_models(scores: Mapping[str, Mapping[str, Score]], models: Sequence[str], measure: Measure) -> list[str]:
-    """The models with the best mean of a measure, ties included; empty where there is no number."""
-    means = {model: score_of(scores, model, measure.key).mean for model in models}
-    means = {model: mean for model, mean in means.items() if not math.isnan(mean)}
-    if not means:
-        return []
-    best = max(means.values()) if measure.higher_is_better else min(means.values())
-    return [model for model, mean in means.items() if mean == best]
-
-
-def pareto_front(points: Mapping[str, tuple[float, float]], higher_is_better: bool) -> list[str]:
-    """Names whose (cost, value) no other point beats in both; by rising cost. Not-a-number points take no part."""
-    alive = [
-        (cost, value, name) for name, (cost, value) in points.items() if not (math.isnan(cost) or math.isnan(value))
-    ]
-    sign = -1 if higher_is_better else 1
-    front, best = [], math.inf
-    for _cost, value, name in sorted(alive, key=lambda item: (item[0], sign * item[1])):
-        if sign * value < best:
-            best = sign * value
-            front.append(name)
-    return front

@@ -94,6 +94,11 @@ def formula(text: str) -> Markup:
     return Markup(html.replace("{", "").replace("}", ""))
 
 
+def plain(text: str) -> str:
+    """A symbol such as theta_d or rho_s with its Greek letter, as plain text."""
+    return re.sub("|".join(rf"(?<![A-Za-z]){name}(?![a-z])" for name in SIGNS), lambda m: SIGNS[m[0]], text)
+
+
 SIGNS = {
     "theta": "θ", "phi": "φ", "rho": "ρ", "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "eta": "η",
     "lambda": "λ", "sigma": "σ", "omega": "ω", "pi": "π", "sum": "Σ", "Gamma": "Γ", "sqrt": "√", "integral": "∫",

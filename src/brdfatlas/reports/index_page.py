@@ -1,5 +1,6 @@
-"""The index: what the run found, in a sentence, tables, plots; and the numbers that its scripts read."""
+"""The index: what the run found, which model it recommends, and the numbers that its scripts read."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,27 +9,32 @@ from typing import Any
 import pandas as pd
 import yaml
 
+from brdfatlas.constants import REFERENCE_AGAIN
 from brdfatlas.files import read_json, write_text
-from brdfatlas.measures.ranking import best_rows, count_missing
+from brdfatlas.measures.ranking import best_rows
+from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, PSNR, Measure, Summary, score_of
 from brdfatlas.reports.data import (
-    MEASURES,
-    NOISE_FLOOR,
+    FAMILIES,
     Material,
     ModelFacts,
     SceneFacts,
-    best_models,
     fits_frame,
     model_facts,
     parameters_frame,
-    pareto_front,
-    score_models,
-    score_of,
+    stack,
+    summarise_run,
     write_tsv,
 )
-from brdfatlas.reports.formats import seconds as duration
-from brdfatlas.reports.formats import storage
-from brdfatlas.reports.model_page import TABLE_MEASURES
+from brdfatlas.reports.fit_files import files_of
+from brdfatlas.reports.formats import digits, storage
 from brdfatlas.reports.pages import as_script, render_page
+
+#: Above so many materials the recommendation has a row a class, which opens into its materials.
+FEW_MATERIALS = 12
+#: Conditions that a reader may set on the recommendation, in the order of the bits of ``ATLAS.recommended``.
+SWITCHES = ("reciprocal", "published", "energy")
+#: Measures that the leaderboard shows before a reader chooses others.
+SHOWN = ("de00_mean", "flip_mean", "psnr_db")
 
 
 def write_index(
@@ -47,13 +53,13 @@ def write_index(
     """
     output, data = Path(output), Path(data)
     run = read_json(run_file)
-    facts = [model_facts(name) for name in models]
-    rows, tables = run_tables(run, materials, facts)
-    errors = tables["errors"]
-    failures = list_failures(materials, {item.name: item.title for item in facts})
+    facts = {name: model_facts(name) for name in models}
+    summary = summarise_run(materials, facts)
+    rows, tables = run_tables(run, materials, summary)
     for name, frame in tables.items():
         write_tsv(data / f"{name}.tsv", frame)
-    write_text(data / "atlas.js", atlas_script(materials, facts, scenes))
+    script = atlas_script(materials, summary, scenes, output.parent / "materials")
+    write_text(data / "atlas.js", as_script("ATLAS", script))
     versions = list((run.get("versions") or {}).items())
     versions += [(key, run[key]) for key in ("revision", "machine") if run.get(key)]
     render_page(
@@ -62,18 +68,18 @@ def write_index(
         root="",
         here="index",
         **links,
-        findings=findings(materials, rows),
+        findings=findings(materials, summary),
         standins=sum(material.standin for material in materials),
-        materials=[
-            {"name": m.name, "title": m.title, "standin": m.standin, "class": str(m.facts.get("class") or "")}
-            for m in materials
-        ],
+        materials=materials,
         models=facts,
         scenes=scenes,
         rows=rows,
-        table_measures=[measure for measure in MEASURES if measure.key in TABLE_MEASURES],
-        pictures=sum(errors[["material", "scene"]].drop_duplicates().shape[:1]),
-        failures=failures,
+        measures=MEASURES,
+        shown=SHOWN,
+        pictures=len(summary.errors[["material", "scene"]].drop_duplicates()),
+        budgets=BUDGETS,
+        few=len(materials) <= FEW_MATERIALS,
+        failures=list_failures(materials, facts),
         left_out=run.get("left_out") or [],
         versions=versions,
         config=yaml.safe_dump(run.get("config") or {}, sort_keys=False, allow_unicode=True),
@@ -84,26 +90,20 @@ def write_index(
 
 
 def run_tables(
-    run: Mapping[str, Any], materials: Sequence[Material], facts: Sequence[ModelFacts]
+    run: Mapping[str, Any], materials: Sequence[Material], summary: Summary
 ) -> tuple[list[dict[str, Any]], dict[str, pd.DataFrame]]:
-    """The rows of the table of models, and every table of the run by name."""
-    errors = _stack([material.errors for material in materials])
-    fits = _stack([fits_frame(material) for material in materials])
-    rows = model_rows(facts, errors, fits)
+    """The rows of the leaderboard, and every table of the run by name."""
+    rows = model_rows(summary)
     return rows, {
         "materials": materials_frame(materials),
+        "recommended": recommended_frame(summary),
         "models": models_frame(rows),
-        "errors": errors,
-        "brdf": _stack([material.brdf_errors for material in materials]),
-        "fits": fits,
-        "parameters": _stack([parameters_frame(material) for material in materials]),
+        "errors": summary.errors,
+        "brdf": stack([material.brdf_errors for material in materials]),
+        "fits": stack([fits_frame(material) for material in materials]),
+        "parameters": stack([parameters_frame(material) for material in materials]),
         "left_out": pd.DataFrame(run.get("left_out") or [], columns=["name", "path", "reason"]),
     }
-
-
-def _stack(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    filled = [frame for frame in frames if not frame.empty]
-    return pd.concat(filled, ignore_index=True) if filled else frames[0].copy()
 
 
 def materials_frame(materials: Sequence[Material]) -> pd.DataFrame:
@@ -125,73 +125,88 @@ def materials_frame(materials: Sequence[Material]) -> pd.DataFrame:
     )
 
 
-def model_rows(facts: Sequence[ModelFacts], errors: pd.DataFrame, fits: pd.DataFrame) -> list[dict[str, Any]]:
-    """The table of models: means, median storage and time, wins and failures, with the best of each column marked.
-
-    ``missing``: pictures that another model has and this one lacks; its means are never marked as best.
-    """
-    scores = score_models(errors)
-    names = [item.name for item in facts]
-    wins = best_rows(errors, names)["model"].value_counts()
-    missing = count_missing(errors, names)
+def recommended_frame(summary: Summary) -> pd.DataFrame:
+    """One row a material and budget: the recommended model without further conditions, its ΔE00, bytes and seconds."""
     rows = []
-    for item in [*facts, None]:
-        name = item.name if item else NOISE_FLOOR
-        mine = fits[fits["model"] == name]
-        good = mine[mine["status"] == "ok"]
-        pictures = errors[errors["model"] == name]
-        if item is None and pictures.empty:
-            continue
-        seconds, stored = (pd.to_numeric(good[key]).median() for key in ("seconds", "bytes"))
+    for material in summary.classes:
+        for budget, model in zip(BUDGETS, summary.recommend([material]), strict=True):
+            found = summary.candidate(model, material) if model else None
+            numbers = (found.de00, found.bytes, found.seconds) if found else (math.nan,) * 3
+            rows.append((material, budget.key, model or "", *numbers))
+    return pd.DataFrame(rows, columns=["material", "budget", "model", "de00_mean", "bytes", "seconds"])
+
+
+def model_rows(summary: Summary) -> list[dict[str, Any]]:
+    """The leaderboard, best first by ΔE00, the reference with another seed last: scores, median storage and time, wins
+    and failures, the best of each column, and where each range lies between the ends of its column."""
+    best = {measure.key: summary.best(measure) for measure in MEASURES}
+    wins = {measure.key: summary.wins(measure) for measure in (LEADING, PSNR)}
+    places = {measure.key: _places(summary, measure) for measure in MEASURES}
+    rows = []
+    for name in [*summary.order(), *([REFERENCE_AGAIN] if summary.noise else [])]:
+        noise = name == REFERENCE_AGAIN
+        mine = summary.fits[summary.fits["model"] == name]
         rows.append(
             {
                 "name": name,
-                "title": item.title if item else "noise floor (reference, other seed)",
-                "facts": item,
-                "floor": item is None,
-                "bytes": None if pd.isna(stored) else float(stored),
-                "seconds": None if pd.isna(seconds) else float(seconds),
-                "scores": {measure.key: score_of(scores, name, measure.key) for measure in MEASURES},
-                "wins": int(wins.get(name, 0)),
-                "missing": missing.get(name, 0),
-                "failures": int((mine["status"] != "ok").sum())
-                if len(mine)
-                else int((pictures["status"] != "ok").sum()),
-                "best": {"bytes": False, "seconds": False, "wins": False},
+                "title": "reference, other seed" if noise else summary.models[name].title,
+                "facts": None if noise else summary.models[name],
+                "noise": noise,
+                "bytes": None if noise else summary.cost(name, "bytes"),
+                "seconds": None if noise else summary.cost(name, "seconds"),
+                "scores": {measure.key: score_of(summary.scores, name, measure.key) for measure in MEASURES},
+                "places": {key: found.get(name) for key, found in places.items()},
+                "wins": {key: None if noise else found[name] for key, found in wins.items()},
+                "missing": 0 if noise else summary.missing[name],
+                "failures": int((mine["status"] != "ok").sum()),
+                "best": {key for key, names in best.items() if name in names},
             }
         )
-    real = [row for row in rows if not row["floor"]]
-    for key, value_of, better in (
-        ("bytes", lambda row: row["bytes"], min),
-        ("seconds", lambda row: row["seconds"], min),
-        ("wins", lambda row: row["wins"] or None, max),
-    ):
-        known = [value for row in real if (value := value_of(row)) is not None]
-        for row in real:
-            row["best"][key] = bool(known) and value_of(row) == better(known)
-    complete = [row["name"] for row in real if not row["missing"]]
-    for measure in MEASURES:
-        for row in real:
-            row["best"][measure.key] = row["name"] in best_models(scores, complete, measure)
     return rows
 
 
+def _places(summary: Summary, measure: Measure) -> dict[str, tuple[float, float, float]]:
+    """Model -> where low, median and high of a measure lie between the ends of its column, in per cent; errors on a
+    logarithmic scale."""
+    scores = {name: score_of(summary.scores, name, measure.key) for name in summary.models}
+    ends = [v for s in scores.values() for v in (s.low, s.high) if math.isfinite(v)]
+    log = not measure.higher_is_better and any(v > 0 for v in ends)
+    ends = [v for v in ends if v > 0] if log else ends
+    if not ends:
+        return {}
+    low, high = min(ends), max(ends)
+
+    def place(value: float) -> float:
+        value = min(max(value, low), high)
+        share = (
+            math.log(value / low) / math.log(high / low) if log and high > low else (value - low) / (high - low or 1)
+        )
+        return round(100 * share, 1)
+
+    return {n: (place(s.low), place(s.median), place(s.high)) for n, s in scores.items() if not math.isnan(s.median)}
+
+
 def models_frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """The table of models as plain numbers."""
+    """The leaderboard as plain numbers."""
     return pd.DataFrame(
         [
             {
                 "model": row["name"],
-                "status": row["facts"].status if row["facts"] else "noise floor",
+                "status": row["facts"].status if row["facts"] else "reference, other seed",
+                "family": row["facts"].family if row["facts"] else "",
                 "paper": row["facts"].citation if row["facts"] else "",
                 "bytes": row["bytes"],
                 "free_parameters": numbers_of(row["facts"]),
                 "fit_seconds_median": row["seconds"],
+                **{f"{key}_median": value.median for key, value in row["scores"].items()},
+                **{f"{key}_low": value.low for key, value in row["scores"].items()},
+                **{f"{key}_high": value.high for key, value in row["scores"].items()},
                 **{f"{key}_mean": value.mean for key, value in row["scores"].items()},
                 "psnr_se_of_mean_db": row["scores"]["psnr_db"].error,
                 "pictures": row["scores"]["psnr_db"].count,
                 "pictures_missing": row["missing"],
-                "pictures_best": row["wins"],
+                "pictures_best_de00": row["wins"]["de00_mean"],
+                "pictures_best_psnr": row["wins"]["psnr_db"],
                 "failures": row["failures"],
             }
             for row in rows
@@ -204,7 +219,7 @@ def numbers_of(facts: ModelFacts | None) -> int | None:
     return facts.free_parameters if facts and not facts.variable_size else None
 
 
-def list_failures(materials: Sequence[Material], titles: Mapping[str, str]) -> list[dict[str, Any]]:
+def list_failures(materials: Sequence[Material], facts: Mapping[str, ModelFacts]) -> list[dict[str, Any]]:
     """Every failed fit or render with its reason."""
     found = []
     for material in materials:
@@ -214,80 +229,138 @@ def list_failures(materials: Sequence[Material], titles: Mapping[str, str]) -> l
             if record.get("status") != "ok":
                 failed.add(model)
                 reason = " ".join(str(record.get("reason") or "no reason given").split())
-                found.append(about | {"model": model, "model_title": titles.get(model, model), "reason": reason})
+                title = facts[model].title if model in facts else model
+                found.append(about | {"model": model, "model_title": title, "reason": reason})
         bad = material.errors[material.errors["status"] != "ok"]
         for model, rows in bad.groupby("model"):
-            if model not in failed and model in titles:
+            if model not in failed and model in facts:
                 reason = f"render failed: {', '.join(map(str, rows['scene']))}"
-                found.append(about | {"model": model, "model_title": titles[model], "reason": reason})
+                found.append(about | {"model": model, "model_title": facts[model].title, "reason": reason})
     return found
 
 
-def findings(materials: Sequence[Material], rows: Sequence[Mapping[str, Any]]) -> str:
-    """What this run says, in a few sentences, from its own numbers. Means are compared over the same pictures only."""
-    alive = [row for row in rows if not row["floor"] and not math.isnan(row["scores"]["psnr_db"].mean)]
-    if not alive:
-        return "No model has a picture in this run: every fit or render failed."
-    aside = [row["title"] for row in alive if row["missing"]]
-    alive = [row for row in alive if not row["missing"]]
-    if not alive:
-        return "No model has every picture of this run, so their means cannot be compared: fits or renders failed."
-    ranked = sorted(alive, key=lambda row: -row["scores"]["psnr_db"].mean)
+def findings(materials: Sequence[Material], summary: Summary) -> str:
+    """What this run says, from its own numbers: the best model, a small one, what an engine can load, the hardest and
+    the easiest material, all by ΔE00."""
+    ranked = [name for name in summary.order() if name in summary.complete()]
+    if not ranked:
+        one = "No model has a picture in this run: every fit or render failed."
+        other = "No model has every picture of this run, so the models cannot be compared: fits or renders failed."
+        return other if any(summary.scores.get(name) for name in summary.models) else one
+    names = list(summary.classes)
+
+    def told(name: str) -> str:
+        return f"{digits(summary.value(name), LEADING.digits)} with {storage(summary.cost(name, 'bytes'))} per material"
+
+    over = f"the median over {len(names)} materials" if len(names) > 1 else "on one material"
     best = ranked[0]
-    psnr = best["scores"]["psnr_db"]
-    text = f"{best['title']} comes closest to the references: {_mean_in_words(best, 'dB PSNR on average')} over "
-    text += f"{psnr.count} picture{'s' if psnr.count > 1 else ''}"
-    if best["bytes"] is not None:
-        text += f", with {storage(best['bytes'])} a material"
-        others = [row for row in ranked[1:] if row["bytes"] is not None and row["bytes"] < best["bytes"]]
-        if others:
-            small = others[0]
-            gap = psnr.mean - small["scores"]["psnr_db"].mean
-            text += f". {small['title']} needs {storage(small['bytes'])} and "
-            text += f"loses {gap:.1f} dB" if math.isfinite(gap) else f"comes to {_mean_in_words(small)}"
-    quick = [row for row in alive if row["seconds"] is not None]
-    if len(quick) > 1:
-        fastest = min(quick, key=lambda row: row["seconds"])
-        text += f". The fastest fit is {fastest['title']}, {duration(fastest['seconds'])} a material"
-        text += f", with {_mean_in_words(fastest)}"
-    names = [row["name"] for row in alive if math.isfinite(row["scores"]["psnr_db"].mean)]
-    hardest = {m.title: _mean_over(m, names) for m in materials}
-    hardest = {title: value for title, value in hardest.items() if not math.isnan(value)}
-    if len(hardest) > 1:
-        low, high = min(hardest, key=hardest.__getitem__), max(hardest, key=hardest.__getitem__)
-        text += f". Hardest for all is {low} ({hardest[low]:.1f} dB over the models)"
-        text += f", easiest {high} ({hardest[high]:.1f} dB)"
-    front = pareto_front(
-        {row["name"]: (row["bytes"], row["scores"]["psnr_db"].mean) for row in alive if row["bytes"] is not None}, True
-    )
-    if len(front) > 2:
-        text += f". {len(front)} of {len(alive)} models are worth their bytes: no smaller one is as good"
+    text = f"{summary.models[best].title} comes closest to the references (ΔE00 {told(best)}, {over})"
+    chosen = dict(zip([budget.key for budget in BUDGETS], summary.recommend(names), strict=True))
+    small = chosen["1k"]
+    if small and small != best:
+        text += f"; of the models within 1 kB, {summary.models[small].title} is best (ΔE00 {told(small)})"
+    engine = chosen["engine"]
+    if engine and engine not in (best, small):
+        text += f"; of those that an engine can load, {summary.models[engine].title} (ΔE00 {told(engine)})"
+    titles = {material.name: material.title for material in materials}
+    hard = {name: value for name, value in summary.difficulty().items() if not math.isnan(value)}
+    if len(hard) > 1:
+        low, high = min(hard, key=hard.__getitem__), max(hard, key=hard.__getitem__)
+        text += f". The hardest material is {titles[high]} (median ΔE00 over the models {digits(hard[high], 2)})"
+        text += f", the easiest {titles[low]} ({digits(hard[low], 2)})"
+    text += "."
+    aside = [summary.models[name].title for name in summary.models if summary.missing[name]]
     if aside:
-        text += f". Set aside, because failures left {'it' if len(aside) == 1 else 'them'} fewer pictures: "
-        text += ", ".join(aside)
-    return text + "."
+        text += f" Not ranked, because failures left fewer pictures: {', '.join(aside)}."
+    return text
 
 
-def _mean_in_words(row: Mapping[str, Any], unit: str = "dB") -> str:
-    psnr = row["scores"]["psnr_db"]
-    if math.isinf(psnr.mean):
-        return "no finite mean PSNR, equal to the reference on some picture"
-    return f"{'at least ' if math.isinf(psnr.error) else ''}{psnr.mean:.1f} {unit}"
-
-
-def _mean_over(material: Material, models: Sequence[str]) -> float:
-    values = [score_of(material.scores, model).mean for model in models]
-    values = [value for value in values if not math.isnan(value)]
-    return sum(values) / len(values) if values else float("nan")
-
-
-def atlas_script(materials: Sequence[Material], models: Sequence[ModelFacts], scenes: Sequence[SceneFacts]) -> str:
+def atlas_script(
+    materials: Sequence[Material], summary: Summary, scenes: Sequence[SceneFacts], folder: Path
+) -> dict[str, Any]:
     """``window.ATLAS``: numbers of the whole run, in columns, rounded to what is shown, for index and compare page.
 
-    ``values[measure]`` is flat: scene, then material, then model (models, then the noise floor last); ``best`` are the
-    places of the best PSNRs (:func:`brdfatlas.measures.ranking.best_rows`).
+    ``values[measure]`` is flat: scene, then material, then model (models, then the reference with another seed last);
+    ``best`` are the places of the best PSNRs (:func:`brdfatlas.measures.ranking.best_rows`); ``recommended[switches]``
+    and ``of_class[switches]`` hold a list of models' places (-1: none) a budget, for each material and class;
+    ``folder`` is that of the material pages, below which the fits lie.
     """
-    names = [model.name for model in models] + [NOISE_FLOOR]
+    models = list(summary.models)
+    names = [*models, REFERENCE_AGAIN]
+    classes = list(dict.fromkeys(filter(None, summary.classes.values())))
+    members = {name: [m for m, found in summary.classes.items() if found == name] for name in classes}
+    place_of = {name: i for i, name in enumerate(models)}
+
+    def recommended(groups: Sequence[Sequence[str]]) -> list[list[list[int]]]:
+        return [
+            [[place_of[name] if name else -1 for name in summary.recommend(group, **conditions)] for group in groups]
+            for conditions in switch_settings()
+        ]
+
+    files = [[files_of(folder / m.name, model) for model in models] for m in materials]
+    kinds = list(dict.fromkeys(tuple(found) for row in files for found in row))
+    return {
+        "materials": [
+            {
+                "name": m.name,
+                "title": m.title,
+                "standin": m.standin,
+                "class": summary.classes[m.name],
+                "diffuseness": rounded(m.facts.get("diffuseness")),
+            }
+            for m in materials
+        ],
+        "models": [
+            {
+                "name": name,
+                "title": m.title,
+                "paper": m.paper,
+                "family": m.family,
+                "status": m.short_status,
+                "reciprocal": m.reciprocal,
+            }
+            for name, m in summary.models.items()
+        ],
+        "order": [place_of[name] for name in summary.order()],
+        "families": [f for f in FAMILIES if any(m.family == f for m in summary.models.values())],
+        "classes": classes,
+        "scenes": [{"name": s.name, "title": s.label, "exposure": s.exposure, "gamma": s.gamma} for s in scenes],
+        "measures": [
+            {"key": m.key, "title": m.label, "higher": m.higher_is_better, "digits": m.digits} for m in MEASURES
+        ],
+        "budgets": [{"key": b.key, "title": b.title} for b in BUDGETS],
+        "recommended": recommended([[m.name] for m in materials]),
+        "of_class": recommended([members[name] for name in classes]),
+        "endings": kinds,
+        "files": [[kinds.index(tuple(found)) for found in row] for row in files],
+        "seconds": [[rounded((m.fits.get(model) or {}).get("seconds")) for model in models] for m in materials],
+        "bytes": [[m.stored_bytes(model) for model in models] for m in materials],
+        "best": _best_places(materials, scenes, models),
+        "reasons": {f"{f['material']}/{f['model']}": f["reason"] for f in list_failures(materials, summary.models)},
+        "values": _value_columns(materials, scenes, names),
+    }
+
+
+def switch_settings() -> list[dict[str, bool]]:
+    """Every setting of SWITCHES; the i-th has those bits of i that are on, the first switch in the lowest."""
+    bits = itertools.product((False, True), repeat=len(SWITCHES))
+    return [dict(zip(SWITCHES, reversed(setting), strict=True)) for setting in bits]
+
+
+def _best_places(materials: Sequence[Material], scenes: Sequence[SceneFacts], models: Sequence[str]) -> list[int]:
+    scene_place = {scene.name: i for i, scene in enumerate(scenes)}
+    model_place = {name: i for i, name in enumerate(models)}
+    return sorted(
+        (scene_place[row.scene] * len(materials) + j) * (len(models) + 1) + model_place[row.model]
+        for j, material in enumerate(materials)
+        for row in best_rows(material.errors, models, measure=PSNR.key).itertuples()
+        if row.scene in scene_place
+    )
+
+
+def _value_columns(
+    materials: Sequence[Material], scenes: Sequence[SceneFacts], names: Sequence[str]
+) -> dict[str, list[float | None]]:
     keys = [measure.key for measure in MEASURES] + ["psnr_se_db"]
     values: dict[str, list[float | None]] = {key: [None] * (len(scenes) * len(materials) * len(names)) for key in keys}
     scene_place = {scene.name: i for i, scene in enumerate(scenes)}
@@ -299,51 +372,12 @@ def atlas_script(materials: Sequence[Material], models: Sequence[ModelFacts], sc
                 continue
             place = (s * len(materials) + j) * len(names) + k
             for key in keys:
-                values[key][place] = _rounded(row.get(key))
-    reasons = {
-        f"{f['material']}/{f['model']}": f["reason"]
-        for f in list_failures(materials, {m.name: m.title for m in models})
-    }
-    content = {
-        "materials": [
-            {
-                "name": m.name,
-                "title": m.title,
-                "standin": m.standin,
-                "class": str(m.facts.get("class") or ""),
-                "diffuseness": _rounded(m.facts.get("diffuseness")),
-            }
-            for m in materials
-        ],
-        "models": [
-            {
-                "name": m.name,
-                "title": m.title,
-                "paper": m.paper,
-                "status": m.status.split(":")[0],
-                "reciprocal": m.reciprocal,
-            }
-            for m in models
-        ],
-        "scenes": [{"name": s.name, "title": s.label, "exposure": s.exposure, "gamma": s.gamma} for s in scenes],
-        "measures": [
-            {"key": m.key, "title": m.label, "higher": m.higher_is_better, "digits": m.digits} for m in MEASURES
-        ],
-        "seconds": [[_rounded((m.fits.get(model.name) or {}).get("seconds")) for model in models] for m in materials],
-        "bytes": [[m.stored_bytes(model.name) for model in models] for m in materials],
-        "best": sorted(
-            (scene_place[row.scene] * len(materials) + j) * len(names) + model_place[row.model]
-            for j, material in enumerate(materials)
-            for row in best_rows(material.errors, names[:-1]).itertuples()
-            if row.scene in scene_place
-        ),
-        "reasons": reasons,
-        "values": values,
-    }
-    return as_script("ATLAS", content)
+                values[key][place] = rounded(row.get(key))
+    return values
 
 
-def _rounded(value: Any) -> float | None:
+def rounded(value: Any) -> float | None:
+    """A number for a script, four significant digits; None where there is none."""
     if value is None or isinstance(value, str):
         return None
     value = float(value)

@@ -1,4 +1,5 @@
-"""The page of one material, in the order of Dupuy et al. 2015, Bilgili et al. 2011 and Bagher et al. 2016."""
+"""The page of one material: the recommended fit beside the reference, every fit to take away, pictures, functions,
+numbers."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,15 +10,12 @@ from urllib.parse import quote
 
 import pandas as pd
 
-from brdfatlas.constants import REFERENCE
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.figures.pictures import picture_file
 from brdfatlas.measures.ranking import best_rows
+from brdfatlas.measures.summary import BRDF_MEASURES, BUDGETS, LEADING, MEASURES, PSNR, Summary, best_of
 from brdfatlas.reports.data import (
-    BRDF_MEASURES,
-    MEASURES,
-    NOISE_FLOOR,
     Material,
-    Measure,
     ModelFacts,
     SceneFacts,
     fits_frame,
@@ -26,40 +24,51 @@ from brdfatlas.reports.data import (
     physics_of,
     published_row,
     read_material,
-    score_of,
+    summarise_run,
     write_tsv,
 )
-from brdfatlas.reports.formats import digits
+from brdfatlas.reports.fit_files import ENDINGS, files_of
+from brdfatlas.reports.formats import digits, number, storage
 from brdfatlas.reports.pages import Picture, find_picture, render_page, write_hdr_scripts, write_thumbnail
 
-#: Sections of difference pictures on a material page: id, title, ending of the picture's name, caption.
-ERROR_SECTIONS = (
+#: Kinds of pictures of the grid: name, button, what its values are, caption.
+KINDS = (
     (
-        "de00",
-        "CIE ΔE00",
-        "-de00",
-        "CIEDE2000 colour difference of each fit to the reference at a fixed exposure, over the material's pixels. "
-        "The scale is the same for every model of a scene. About 1 is just noticeable.",
+        "render",
+        "Render",
+        "ΔE00",
+        "The same tone map, sampling density and random numbers for all, so that only the model differs. Below each "
+        "picture its mean ΔE00.",
     ),
     (
-        "difference",
+        "de00",
+        "ΔE00",
+        "ΔE00",
+        "CIEDE2000 colour difference to the reference at a fixed exposure, on one scale for all models and scenes; "
+        "about 1 is just visible.",
+    ),
+    (
+        "diff",
         "Signed difference",
-        "-diff",
-        "Luminance of the fit minus luminance of the reference, as displayed: red is too bright, blue too dark. "
-        "The scale is the same for every model of a scene, as in the difference images of Bilgili et al. 2011.",
+        "PSNR",
+        "Luminance of the fit minus luminance of the reference, as displayed: red is too bright, blue too dark. One "
+        "scale for all models and scenes.",
     ),
     (
         "flip",
         "FLIP",
-        "-flip",
-        "FLIP: the difference that an observer sees when flipping between the two pictures; 0 is none, 1 the largest.",
+        "FLIP",
+        "FLIP: the difference that an observer sees when flipping between the two pictures. One scale for all models "
+        "and scenes.",
     ),
 )
+#: Arrays of more numbers are not printed; they are in the fit's file.
+PRINTED = 24
 
 
 @dataclass
 class Entry:
-    """A model on a material page, or the noise floor."""
+    """A model on a material page, or the reference rendered with another seed."""
 
     name: str
     title: str
@@ -68,21 +77,18 @@ class Entry:
     rows: dict[str, dict[str, Any]]
     brdf: dict[str, Any] | None
     reason: str = ""
-    mean: float = float("nan")
-    floor: bool = False
-    best: dict[tuple[str, str], bool] = field(default_factory=dict)
-    best_in: set[str] = field(default_factory=set)
-    pictures: dict[tuple[str, str], Picture] = field(default_factory=dict)
-    published: dict[str, float] = field(default_factory=dict)
-    table: list[tuple[str, float | None, float | None]] = field(default_factory=list)
+    best: set[tuple[str, str]] = field(default_factory=set)
+    files: list[tuple[str, str, str]] = field(default_factory=list)
+    published: Mapping[str, float] = field(default_factory=dict)
+    parameters: list[dict[str, Any]] = field(default_factory=list)
 
     @property
     def physics(self) -> Mapping[str, Any]:
         return physics_of(self.fit)
 
     @property
-    def page(self) -> bool:
-        return self.facts is not None
+    def noise(self) -> bool:
+        return self.facts is None
 
 
 def write_material_page(
@@ -102,57 +108,31 @@ def write_material_page(
 ) -> None:
     """Write the page of one material, its tables in ``data`` and its thumbnail in ``pictures``.
 
-    ``pictures`` is the folder of the material's pictures (see figures.pictures);
+    ``pictures`` is the folder of the material's pictures and fits (figures.pictures, :mod:`.fit_files`);
     ``materials`` is the order of pages. The page needs nothing of other materials: it is out when its material is.
     """
     output, pictures, data = Path(output), Path(pictures), Path(data)
     material = read_material(material_file, fit_files, errors_file, brdf_errors_file)
-    facts = {name: model_facts(name) for name in models}
-    entries = [make_entry(material, name, facts[name], scenes) for name in models]
-    floor = make_entry(material, NOISE_FLOOR, None, scenes)
-    floor.title, floor.floor, floor.reason = "noise floor (reference, other seed)", True, "not in this run"
-    reference = Entry(REFERENCE, "reference", None, None, {}, None)
-    for entry in [*entries, reference]:
-        entry.pictures = _pictures(output, pictures, entry.name, scenes)
-    mark_best(material, entries, scenes)
+    summary = summarise_run([material], {name: model_facts(name) for name in models})
+    entries = make_entries(material, summary, scenes, published)
     for entry in entries:
-        entry.published = published_row(published, entry.name, material.name)
-        entry.table = _beside(entry.published, (entry.fit or {}).get("parameters") or {})
-
+        base = f"{quote(material.name)}/fits/{quote(entry.name)}"
+        entry.files = [(end, f"{base}{end}", ENDINGS[end]) for end in files_of(pictures, entry.name)]
     tables = {
         "image errors": ("errors.tsv", material.errors),
         "BRDF-space errors": ("brdf.tsv", material.brdf_errors),
         "fits": ("fits.tsv", fits_frame(material)),
         "parameters": ("parameters.tsv", parameters_frame(material)),
-        "published": ("published.tsv", _published_frame(material, entries)),
+        "published parameters": ("published.tsv", _published_frame(material, entries, summary)),
     }
     for ending, frame in tables.values():
         write_tsv(data / "materials" / material.name / ending, frame)
     write_thumbnail(pictures, scenes, models)
     write_hdr_scripts(pictures, material.name, scenes, models)
-
-    functions = _named_pictures(output, pictures, "functions", entries)
-    factors = _named_pictures(output, pictures, "factors", entries)
-    convergence = _named_pictures(output, pictures, "convergence", entries)
-    weights = find_picture(output, pictures / "weights.svg")
-    lobes = find_picture(output, pictures / "lobes.svg")
-    slices = find_picture(output, pictures / "slices.webp")
-    sections = [("renders", "Renderings")]
-    error_sections = [
-        item for item in ERROR_SECTIONS if any((s.name, item[2]) in e.pictures for e in entries for s in scenes)
-    ]
-    sections += [(item[0], item[1]) for item in error_sections]
-    sections += [("lobes", "Lobes")] if lobes else []
-    sections += [("functions", "Functions")] if functions else []
-    sections += [("numbers", "Numbers")]
-    with_published = [entry for entry in entries if entry.published]
-    sections += [("published", "Published")] if with_published else []
-    parameter_tables = [
-        (entry, rows) for entry in entries if not entry.table and (rows := parameter_rows(entry)) and entry.facts
-    ]
-    sections += [("parameters", "Parameters")] if parameter_tables else []
-    sections += [("factors", "Factors")] if factors or slices else []
     place = list(materials).index(material.name)
+    recommended = summary.recommend([material.name])
+    by_name = {entry.name: entry for entry in entries}
+    chosen = by_name.get(recommended[[b.key for b in BUDGETS].index("any")] or "")
     render_page(
         "material.html.j2",
         output,
@@ -162,163 +142,197 @@ def write_material_page(
         material=material,
         facts={"class": "", "source": "", "sha256": "", "albedo": None, "range": None} | dict(material.facts),
         swatch=_swatch(material.facts.get("albedo")),
-        lede=material_lede(material, entries, scenes),
+        lede=material_lede(material, summary, scenes),
         previous=materials[place - 1] if place else "",
         following=materials[place + 1] if place + 1 < len(materials) else "",
         scenes=scenes,
         entries=entries,
-        reference=reference,
-        floor=floor,
-        sections=sections,
-        error_sections=error_sections,
+        noise=make_entry(material, REFERENCE_AGAIN, None, scenes),
+        chosen=chosen,
+        budgets=[(budget, by_name.get(name or "")) for budget, name in zip(BUDGETS, recommended, strict=True)],
+        hero=[find_picture(output, picture_file(pictures, scenes[0].name, name)) for name in (REFERENCE, chosen.name)]
+        if chosen
+        else [],
+        kinds=KINDS,
+        size=_picture_size(output, pictures, scenes, models),
         bars=_bars(output),
-        lobes=lobes,
-        functions=functions,
-        factors=factors,
-        slices=slices,
-        convergence=convergence,
-        weights=weights,
-        extra=other_figures(
-            output,
-            pictures,
-            {"lobes.svg", "weights.svg", *(p.href.rsplit("/")[-1] for _, p in functions + factors + convergence)},
-        ),
+        curves=(pictures / "curves.js").is_file(),
+        diagnostics=diagnostics(output, pictures, entries),
         measures=MEASURES,
         brdf_measures=BRDF_MEASURES,
-        published=with_published,
-        parameter_tables=parameter_tables,
         remarks=_remarks(entries),
+        script=page_data(material, summary, entries, scenes),
         data_links=[
             (name, f"../data/materials/{quote(material.name)}/{ending}") for name, (ending, _frame) in tables.items()
         ],
     )
 
 
-def material_lede(material: Material, entries: Sequence[Entry], scenes: Sequence[SceneFacts]) -> str:
-    """One sentence on what happened to a material, from its own errors."""
-    alive = [entry for entry in entries if not math.isnan(entry.mean) and not material.missing.get(entry.name)]
-    alive.sort(key=lambda entry: -entry.mean)
-    failed = [entry for entry in entries if entry.reason]
-    if not alive:
+def make_entries(
+    material: Material, summary: Summary, scenes: Sequence[SceneFacts], published: str | Path | None
+) -> list[Entry]:
+    """Every model on a material, best first by ΔE00, with the best of every column marked and its parameters."""
+    order = summary.order(LEADING, material.name)
+    entries = [make_entry(material, name, summary.models[name], scenes) for name in order]
+    mark_best(material, entries, scenes)
+    for entry in entries:
+        entry.published = published_row(published, entry.name, material.name)
+        entry.parameters = parameter_table(entry)
+    return entries
+
+
+def material_lede(material: Material, summary: Summary, scenes: Sequence[SceneFacts]) -> str:
+    """What happened to a material, from its own errors: the best and the worst model, how many are close."""
+    names = set(summary.complete(material.name))
+    ranked = [name for name in summary.order(LEADING, material.name) if name in names]
+    if not ranked:
         return f"No model has every picture of {material.title} in this run."
-    best, worst = alive[0], alive[-1]
-    over = f"mean over {len(scenes)} scenes" if len(scenes) > 1 else f"scene {scenes[0].label}"
-    text = f"{best.title} comes closest to the reference, {digits(best.mean, 1)} dB PSNR ({over})"
-    if worst is not best:
-        text += f"; {worst.title} stays farthest, {digits(worst.mean, 1)} dB"
-    spread = [entry for entry in alive[1:] if entry.mean > best.mean - 1]
-    if spread:
-        text += (
-            f"; {len(spread)} other{'s' if len(spread) > 1 else ''} lie within 1 dB of the best"
-            if len(spread) > 1
-            else "; one other lies within 1 dB of the best"
-        )
+
+    def told(name: str) -> str:
+        return digits(summary.value(name, LEADING, material.name), LEADING.digits)
+
+    best, worst = ranked[0], ranked[-1]
+    over = f", mean over {len(scenes)} scenes" if len(scenes) > 1 else ""
+    size = storage(summary.cost(best, "bytes", material.name))
+    text = f"{summary.models[best].title} comes closest to the reference (ΔE00 {told(best)}{over}; {size})"
+    if worst != best:
+        text += f"; {summary.models[worst].title} is farthest from it (ΔE00 {told(worst)})"
+    limit = 1.0
+    close = sum(summary.value(name, LEADING, material.name) < limit for name in ranked)
+    text += f". {close} of {len(ranked)} models stay below a ΔE00 of 1, which is just visible"
+    failed = len(summary.models) - len(ranked)
     if failed:
-        text += f". {len(failed)} of {len(entries)} models failed, with reasons below"
+        text += f". {failed} lack{'s' if failed == 1 else ''} pictures: the reason is given below"
     return text + "."
 
 
 def make_entry(material: Material, name: str, facts: ModelFacts | None, scenes: Sequence[SceneFacts]) -> Entry:
+    """A model on a material, from the rows of its tables; measures that a table lacks are NaN."""
     rows = material.errors[material.errors["model"] == name]
     by_scene = {str(row["scene"]): row for row in rows.to_dict("records")}
     for row in by_scene.values():
-        for measure in MEASURES:
-            row.setdefault(measure.key, float("nan"))
-        row.setdefault("psnr_se_db", float("nan"))
+        for key in (*(measure.key for measure in MEASURES), "psnr_se_db"):
+            row.setdefault(key, float("nan"))
     brdf = material.brdf_errors[material.brdf_errors["model"] == name].to_dict("records")
     for row in brdf:
         for measure in BRDF_MEASURES:
             row.setdefault(measure.key, float("nan"))
     fit = material.fits.get(name)
-    fit = (
-        None
-        if fit is None
-        else {"bytes": None, "seconds": None, "iterations": None, "converged": None, "seed": None} | dict(fit)
-    )
+    if fit is not None:
+        fit = dict.fromkeys(("bytes", "seconds", "iterations", "converged", "seed")) | dict(fit)
     reason = ""
     if fit is not None and fit.get("status") != "ok":
         reason = f"fit failed: {' '.join(str(fit.get('reason') or 'no reason given').split())}"
     bad = [scene.label for scene in scenes if scene.name in by_scene and by_scene[scene.name]["status"] != "ok"]
     if not reason and bad:
         reason = f"render failed: {', '.join(bad)}"
-    mean = score_of(material.scores, name).mean
-    return Entry(name, facts.title if facts else name, facts, fit, by_scene, brdf[0] if brdf else None, reason, mean)
+    title = facts.title if facts else "reference, other seed"
+    return Entry(name, title, facts, fit, by_scene, brdf[0] if brdf else None, reason)
 
 
 def mark_best(material: Material, entries: Sequence[Entry], scenes: Sequence[SceneFacts]) -> None:
-    """Mark the best of every picture and measure: PSNR by :func:`best_rows`, others by value."""
+    """Mark the best of every picture and measure: PSNR by :func:`best_rows`, others by what is printed."""
     by_name = {entry.name: entry for entry in entries}
-    for row in best_rows(material.errors, list(by_name)).itertuples():
-        by_name[row.model].best[row.scene, "psnr_db"] = True
-        by_name[row.model].best_in.add(row.scene)
+    for row in best_rows(material.errors, list(by_name), measure="psnr_db").itertuples():
+        by_name[row.model].best.add((row.scene, PSNR.key))
     for measure in MEASURES:
-        for scene in scenes if measure.key != "psnr_db" else ():
+        for scene in scenes if measure is not PSNR else ():
             values = {e.name: e.rows[scene.name][measure.key] for e in entries if scene.name in e.rows}
-            for name in _best_of(values, measure):
-                by_name[name].best[scene.name, measure.key] = True
+            for name in best_of(values, measure):
+                by_name[name].best.add((scene.name, measure.key))
     for measure in BRDF_MEASURES:
-        for name in _best_of({e.name: e.brdf[measure.key] for e in entries if e.brdf and not e.reason}, measure):
-            by_name[name].best["brdf", measure.key] = True
+        for name in best_of({e.name: e.brdf[measure.key] for e in entries if e.brdf and not e.reason}, measure):
+            by_name[name].best.add(("brdf", measure.key))
 
 
-def _best_of(values: Mapping[str, float], measure: Measure) -> list[str]:
-    alive = {name: value for name, value in values.items() if not math.isnan(value)}
-    if not alive:
-        return []
-    best = (max if measure.higher_is_better else min)(alive.values())
-    return [name for name, value in alive.items() if value == best]
+def page_data(
+    material: Material, summary: Summary, entries: Sequence[Entry], scenes: Sequence[SceneFacts]
+) -> dict[str, Any]:
+    """What the page's script draws: the models best first, and their values a scene."""
+
+    def value(entry: Entry, scene: SceneFacts, key: str) -> float | None:
+        found = entry.rows.get(scene.name, {}).get(key)
+        return None if found is None or math.isnan(found) else float(f"{found:.5g}")
+
+    keys = (LEADING.key, "flip_mean", "psnr_db", "psnr_se_db")
+    return {
+        "material": material.name,
+        "scenes": [scene.name for scene in scenes],
+        "models": [
+            {
+                "name": entry.name,
+                "title": entry.title,
+                "family": entry.facts.family if entry.facts else "",
+                "de00": number_or_none(summary.value(entry.name, LEADING, material.name)),
+                "bytes": number_or_none(summary.cost(entry.name, "bytes", material.name)),
+                "reason": entry.reason,
+                "values": {key: [value(entry, scene, key) for scene in scenes] for key in keys},
+            }
+            for entry in entries
+        ],
+        "front": summary.front("bytes", LEADING, material.name),
+    }
 
 
-def _remarks(entries: Sequence[Entry]) -> list[tuple[Entry, str]]:
-    """What a reader must know of a row before using its numbers."""
-    remarks = []
+def number_or_none(value: float) -> float | None:
+    return None if math.isnan(value) else float(f"{value:.5g}")
+
+
+def _remarks(entries: Sequence[Entry]) -> list[tuple[str, list[str]]]:
+    """What a reader must know before using the numbers, each thing said once with the models it holds for."""
+    remarks: dict[str, list[str]] = {}
     for entry in entries:
-        if entry.facts and entry.facts.status:
-            remarks.append((entry, entry.facts.status))
         chosen = (entry.fit or {}).get("options") or {}
-        defaults = {option["name"]: option["default"] for option in entry.facts.options} if entry.facts else {}
-        changed = {key: value for key, value in chosen.items() if key in defaults and value != defaults[key]}
-        if changed:
-            told = {option["name"]: option["description"] for option in entry.facts.options} if entry.facts else {}
-            remarks += [(entry, f"option {key} = {value}: {told[key]}") for key, value in changed.items()]
+        told = {option["name"]: option for option in entry.facts.options} if entry.facts else {}
+        for key, value in chosen.items():
+            if key in told and value != told[key]["default"]:
+                remarks.setdefault(f"option {key} = {value}: {told[key]['description']}", []).append(entry.title)
         if entry.fit and entry.fit.get("status") == "ok":
             why = " ".join(str(entry.fit.get("message") or "").split())
             if entry.fit.get("converged") is False:
-                remarks.append((entry, f"did not converge{f' ({why})' if why else ''}; its best parameters are shown"))
+                text = f"did not converge{f' ({why})' if why else ''}; the best parameters found are shown"
+                remarks.setdefault(text, []).append(entry.title)
             elif why:
-                remarks.append((entry, why))
-    return remarks
+                remarks.setdefault(why, []).append(entry.title)
+    return list(remarks.items())
 
 
-def _beside(published: Mapping[str, float], ours: Mapping[str, Any]) -> list[tuple[str, float | None, float | None]]:
-    """Published parameters beside ours: kd_r beside kd[0], n_2 beside n[1]."""
-    rows: list[tuple[str, float | None, float | None]] = []
-    for key, value in published.items():
-        if key == "psnr_db":
-            continue
-        name, _, index = key.rpartition("_")
-        place = {"r": 0, "g": 1, "b": 2}.get(index, int(index) - 1 if index.isdigit() else None)
-        values = ours.get(name, ours.get(name.lower()))
-        mine = None
-        if (
-            isinstance(values, list)
-            and place is not None
-            and place < len(values)
-            and isinstance(values[place], int | float)
-        ):
-            mine = float(values[place])
-        rows.append((key, value, mine))
+def parameter_table(entry: Entry) -> list[dict[str, Any]]:
+    """A row a parameter of a model: name, meaning, unit, bounds, fitted values beside published ones, and whether a
+    value lies on a bound. Long arrays have their size instead of values."""
+    fitted = (entry.fit or {}).get("parameters") or {}
+    theirs = {_parameter_of(key): value for key, value in entry.published.items()}
+    rows = []
+    for item in entry.facts.parameters if entry.facts else ():
+        name = item["name"]
+        values = list(_numbers(fitted.get(name, [])))
+        ends = [end for end in (item["low"], item["high"]) if math.isfinite(end)]
+        printed = [(number(v), any(math.isclose(v, end, rel_tol=1e-6) for end in ends)) for v in values]
+        places = sorted(place for found, place in theirs if found == name.lower() and place >= 0)
+        published = [number(theirs[name.lower(), place]) for place in places]
+        rows.append(item | {"values": printed, "published": published})
     return rows
 
 
-def _published_frame(material: Material, entries: Sequence[Entry]) -> pd.DataFrame:
+def _parameter_of(key: str) -> tuple[str, int]:
+    """A published column such as kd_r or n_2 as (parameter, index), in lower case; index -1 for one that is none."""
+    name, _, index = key.rpartition("_")
+    place = {"r": 0, "g": 1, "b": 2}.get(index, int(index) - 1 if index.isdigit() else -1)
+    return name.lower(), place
+
+
+def _published_frame(material: Material, entries: Sequence[Entry], summary: Summary) -> pd.DataFrame:
+    """Published parameters and PSNRs, by the names of the published tables, beside ours."""
     rows = []
     for entry in entries:
-        if entry.published:
-            rows.append(
-                (material.name, entry.name, "psnr_db", entry.published.get("psnr_db", float("nan")), entry.mean)
-            )
-            rows += [(material.name, entry.name, *row) for row in entry.table]
+        fitted = {name.lower(): list(_numbers(v)) for name, v in ((entry.fit or {}).get("parameters") or {}).items()}
+        for key, value in entry.published.items():
+            name, index = _parameter_of(key)
+            values = fitted.get(name, [])
+            ours = values[index] if 0 <= index < len(values) else float("nan")
+            if key == "psnr_db":
+                ours = summary.value(entry.name, PSNR, material.name)
+            rows.append((material.name, entry.name, key, value, ours))
     return pd.DataFrame(rows, columns=["material", "model", "parameter", "published", "ours"])
 
 
@@ -327,7 +341,7 @@ def parameter_rows(entry: Entry) -> list[tuple[str, list[float]]]:
     rows = []
     for name, values in ((entry.fit or {}).get("parameters") or {}).items():
         flat = list(_numbers(values))
-        if 0 < len(flat) <= 24:
+        if 0 < len(flat) <= PRINTED:
             rows.append((name, flat))
     return rows
 
@@ -340,37 +354,61 @@ def _numbers(value: Any) -> Iterable[float]:
         yield float(value)
 
 
-def other_figures(page: Path, folder: Path, placed: set[str]) -> list[tuple[str, Picture]]:
-    """Curves of the material that have no place of their own on the page, by the words of their file names."""
-    drawn = [(path.stem.replace("-", " ").replace("_", " "), path) for path in sorted(folder.glob("*.svg"))]
-    return [(title, found) for title, path in drawn if path.name not in placed and (found := find_picture(page, path))]
+def diagnostics(page: Path, folder: Path, entries: Sequence[Entry]) -> list[tuple[str, str, Picture]]:
+    """Drawn figures of the fits, folded on the page: title, caption, picture; what an own model drew comes last."""
+    found: list[tuple[str, str, Picture]] = []
 
+    def add(path: Path, title: str, caption: str) -> None:
+        picture = find_picture(page, path)
+        if picture:
+            found.append((title, caption, picture))
 
-def _pictures(page: Path, folder: Path, model: str, scenes: Sequence[SceneFacts]) -> dict[tuple[str, str], Picture]:
-    found = {}
-    for scene in scenes:
-        for suffix in ("", *(item[2] for item in ERROR_SECTIONS)):
-            picture = find_picture(page, picture_file(folder, scene.name, model, suffix[1:] or "render"))
-            if picture:
-                found[scene.name, suffix] = picture
+    add(
+        folder / "slices.webp",
+        "Slices",
+        "The BRDF at φd = 90°, θh to the right and θd upwards, of the reference and the fits, under the compressive "
+        "tone map (Bagher et al. 2016, Fig. 5).",
+    )
+    add(
+        folder / "weights.svg",
+        "Weights",
+        "Weights of the objective over θh and θd at φd = 90°, each relative to its maximum, green channel (Bagher et "
+        "al. 2016, Fig. 3).",
+    )
+    for entry in entries:
+        for kind, text in (("functions", "Its functions."), ("factors", "Its factors in red, green and blue.")):
+            add(folder / kind / f"{entry.name}.svg", entry.title, text)
+    for entry in entries:
+        text = "Objective over the iterations of every start, one plot per colour channel."
+        add(folder / "convergence" / f"{entry.name}.svg", entry.title, text)
+    placed = {"lobes.svg", "weights.svg", "functions.svg"}
+    for path in sorted(folder.glob("*.svg")):
+        if path.name not in placed:
+            add(path, path.stem.replace("-", " ").replace("_", " ").capitalize(), "")
     return found
 
 
-def _named_pictures(page: Path, folder: Path, kind: str, entries: Sequence[Entry]) -> list[tuple[Entry, Picture]]:
-    drawn = ((entry, find_picture(page, folder / kind / f"{entry.name}.svg")) for entry in entries)
-    return [(entry, picture) for entry, picture in drawn if picture]
+def _picture_size(
+    page: Path, folder: Path, scenes: Sequence[SceneFacts], models: Sequence[str]
+) -> tuple[int, int] | None:
+    """Width and height of the renders; None where the run made none."""
+    for name in (REFERENCE, *models):
+        picture = find_picture(page, picture_file(folder, scenes[0].name, name))
+        if picture:
+            return picture.width, picture.height
+    return None
 
 
 def _bars(page: Path) -> dict[str, Picture]:
-    """Colour bars of the difference pictures, by the ending of the pictures' names."""
+    """Colour bars of the difference pictures, by their kind."""
     texts = {
-        "-de00": "Colour scale of the CIEDE2000 difference",
-        "-diff": "Colour scale of the signed difference, too dark to too bright",
-        "-flip": "Colour scale of FLIP, 0 to 1",
+        "de00": "Colour scale of the CIEDE2000 difference",
+        "diff": "Colour scale of the signed difference, too dark to too bright",
+        "flip": "Colour scale of FLIP, 0 to 1",
     }
     folder = page.parent.parent / "assets"
-    drawn = {suffix: find_picture(page, folder / f"bar{suffix}.svg", text) for suffix, text in texts.items()}
-    return {suffix: picture for suffix, picture in drawn.items() if picture}
+    drawn = {kind: find_picture(page, folder / f"bar-{kind}.svg", text) for kind, text in texts.items()}
+    return {kind: picture for kind, picture in drawn.items() if picture}
 
 
 def _swatch(albedo: Any) -> str:

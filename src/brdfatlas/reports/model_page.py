@@ -1,7 +1,6 @@
-"""The page of one model: formula and source, best and worst materials, where its parameters fall, physics checks."""
+"""The page of one model: what it costs, where it is strong and weak, formula, every material."""
 
 import math
-import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,8 @@ import pandas as pd
 
 from brdfatlas.constants import REFERENCE
 from brdfatlas.figures.pictures import picture_file
+from brdfatlas.measures.summary import LEADING, MEASURES, Summary, median, score_of
 from brdfatlas.reports.data import (
-    MEASURES,
     Material,
     ModelFacts,
     SceneFacts,
@@ -20,16 +19,16 @@ from brdfatlas.reports.data import (
     model_facts,
     parameters_frame,
     read_run,
-    score_of,
+    summarise_run,
     write_tsv,
 )
+from brdfatlas.reports.formats import digits, storage
 from brdfatlas.reports.formats import seconds as duration
-from brdfatlas.reports.formats import storage
 from brdfatlas.reports.material_page import make_entry, parameter_rows
 from brdfatlas.reports.pages import find_picture, render_page
 
 #: Measures with a column of their own in tables over many materials; the others are in the TSV.
-TABLE_MEASURES = ("psnr_db", "psnr_tonemapped_db", "de00_mean", "flip_mean", "ssim")
+TABLE_MEASURES = ("de00_mean", "flip_mean", "psnr_db", "ssim")
 
 
 def write_model_page(
@@ -41,72 +40,30 @@ def write_model_page(
     data: str | Path,
     models: Sequence[str],
     scenes: Sequence[SceneFacts],
+    summary: Summary | None = None,
     **links: bool,
 ) -> None:
     """Write the page of one model over all materials of a run and its tables in ``data``.
 
-    ``pictures`` holds one folder of pictures a material.
+    ``pictures`` holds one folder of pictures a material; ``summary`` is that of the run, made where it is not given.
     """
     output, data = Path(output), Path(data)
-    facts = model_facts(model)
-    rows, distributions, values = [], [], {}
-    seconds = []
-    used: dict[str, Any] = {}
-    for whole in run:
-        material = Material(
-            whole.facts, {k: v for k, v in whole.fits.items() if k == model}, whole.errors, whole.brdf_errors
-        )
-        entry = make_entry(whole, model, facts, scenes)
-        means = {name: score_of(whole.scores, name).mean for name in models if not whole.missing.get(name)}
-        order = sorted((name for name in means if not math.isnan(means[name])), key=lambda name: -means[name])
-        ok = entry.fit is not None and entry.fit.get("status") == "ok"
-        rows.append(
-            {
-                "material": material.name,
-                "title": material.title,
-                "standin": material.standin,
-                "class": str(material.facts.get("class") or ""),
-                "fit": entry.fit if ok else None,
-                "bytes": whole.stored_bytes(model),
-                "physics": entry.physics,
-                "reason": entry.reason,
-                "scores": {measure.key: score_of(whole.scores, model, measure.key) for measure in MEASURES},
-                "rank": order.index(model) + 1 if model in order else None,
-                "frame": (
-                    fits_frame(material),
-                    parameters_frame(material),
-                    material.errors[material.errors["model"] == model],
-                ),
-            }
-        )
-        if ok and entry.fit:
-            used |= {key: value for key, value in (entry.fit.get("options") or {}).items()}
-            if entry.fit.get("seconds") is not None:
-                seconds.append(float(entry.fit["seconds"]))
-            for name, numbers in parameter_rows(entry):
-                for index, value in enumerate(numbers):
-                    label = name if len(numbers) == 1 else f"{name}[{index + 1}]"
-                    values.setdefault(label, []).append(value)
-    distributions = [strip(label, numbers) for label, numbers in values.items() if len(numbers) > 1]
-    names = ("fits", "parameters", "errors")
-    for place, name in enumerate(names):
-        frames = [frame for row in rows if not (frame := row["frame"][place]).empty]
-        table = pd.concat(frames) if frames else rows[0]["frame"][place]
-        write_tsv(data / "models" / model / f"{name}.tsv", table)
-    ranked = sorted(
-        (row for row in rows if not math.isnan(row["scores"]["psnr_db"].mean)),
-        key=lambda row: -row["scores"]["psnr_db"].mean,
-    )
-    ends, ends_shown = [], min(2, len(ranked) // 2)
-    for kind, chosen in (("Best", ranked[:ends_shown]), ("Worst", ranked[len(ranked) - ends_shown :])):
-        for row in chosen:
-            folder = Path(pictures) / row["material"]
-            picture = find_picture(output, picture_file(folder, scenes[0].name, model))
-            reference = find_picture(output, picture_file(folder, scenes[0].name, REFERENCE))
-            ends.append(
-                (kind, row | {"psnr": row["scores"]["psnr_db"].mean, "picture": picture, "reference": reference})
-            )
-    sizes = [row["bytes"] for row in rows if row["bytes"] is not None]
+    summary = summary or summarise_run(run, {name: model_facts(name) for name in models})
+    facts = summary.models[model]
+    rows = [material_row(material, model, summary, scenes) for material in run]
+    write_model_tables(data / "models" / model, model, run)
+    ranked = sorted((row for row in rows if row["rank"]), key=lambda row: row["scores"][LEADING.key].mean)
+    ends = [("Best", ranked[0]), ("Worst", ranked[-1])] if len(ranked) > 1 else [("Only", ranked[0])] if ranked else []
+    shown = []
+    for kind, row in ends:
+        folder = Path(pictures) / row["material"]
+        found = {
+            "picture": find_picture(output, picture_file(folder, scenes[0].name, model)),
+            "reference": find_picture(output, picture_file(folder, scenes[0].name, REFERENCE)),
+        }
+        shown.append((kind, row | found))
+    seconds = [float(row["fit"]["seconds"]) for row in rows if row["fit"] and row["fit"]["seconds"] is not None]
+    stored = sorted({row["bytes"] for row in rows if row["bytes"] is not None})
     place = list(models).index(model)
     render_page(
         "model.html.j2",
@@ -115,49 +72,117 @@ def write_model_page(
         here="model",
         **links,
         model=facts,
-        lede=model_lede(facts, ranked, rows, seconds),
-        stored=(min(sizes), max(sizes)) if sizes else None,
+        lede=model_lede(facts, summary, rows),
+        rows=rows,
+        standins=sum(row["standin"] for row in rows),
+        ends=shown,
+        by_class=class_strengths(model, summary),
         previous=models[place - 1] if place else "",
         following=models[place + 1] if place + 1 < len(models) else "",
-        standins=sum(row["standin"] for row in rows),
-        rows=rows,
-        used=used,
-        ends=ends if len(ranked) > 1 else [],
         scene=scenes[0],
+        stored=[stored[0], stored[-1]] if stored else [],
+        used={k: v for row in rows for k, v in ((row["fit"] or {}).get("options") or {}).items()},
         table_measures=[measure for measure in MEASURES if measure.key in TABLE_MEASURES],
         model_count=len(models),
-        distributions=distributions,
-        times=strip("seconds of a fit", seconds) if len(seconds) > 1 else None,
-        data_links=[(name, f"../data/models/{quote(model)}/{name}.tsv") for name in names],
+        distributions=distributions(rows, seconds),
+        data_links=[(name, f"../data/models/{quote(model)}/{name}.tsv") for name in ("fits", "parameters", "errors")],
     )
 
 
-def model_lede(facts: ModelFacts, ranked: Sequence[Mapping], rows: Sequence[Mapping], seconds: Sequence[float]) -> str:
-    """One sentence on how a model did."""
-    failed = sum(bool(row["reason"]) for row in rows)
-    stored = [row["bytes"] for row in rows if row["bytes"] is not None]
-    text = facts.paper
-    if stored:
-        text += f", {storage(statistics.median(stored))} a material"
-        text += " (median)" if min(stored) < max(stored) else ""
-    if seconds:
-        text += f", fitted in {duration(sorted(seconds)[len(seconds) // 2])} (median)"
-    if ranked:
-        mean = sum(row["scores"]["psnr_db"].mean for row in ranked) / len(ranked)
-        text += f"; {mean:.1f} dB PSNR on average over {len(ranked)} material{'s' if len(ranked) > 1 else ''}"
-        firsts = sum(row["rank"] == 1 for row in rows)
+def material_row(material: Material, model: str, summary: Summary, scenes: Sequence[SceneFacts]) -> dict[str, Any]:
+    """The model on one material: scores, rank by ΔE00 among the models with every picture, fit, physics checks."""
+    entry = make_entry(material, model, summary.models[model], scenes)
+    complete = summary.complete(material.name)
+    order = [name for name in summary.order(LEADING, material.name) if name in complete]
+    ok = entry.fit is not None and entry.fit.get("status") == "ok"
+    scores = summary.by_material[material.name]
+    return {
+        "material": material.name,
+        "title": material.title,
+        "standin": material.standin,
+        "class": summary.classes[material.name],
+        "fit": entry.fit if ok else None,
+        "bytes": material.stored_bytes(model),
+        "physics": entry.physics,
+        "reason": entry.reason,
+        "scores": {measure.key: score_of(scores, model, measure.key) for measure in MEASURES},
+        "rank": order.index(model) + 1 if model in order else None,
+        "parameters": parameter_rows(entry) if ok else [],
+    }
+
+
+def write_model_tables(folder: Path, model: str, run: Sequence[Material]) -> None:
+    """fits.tsv, parameters.tsv and errors.tsv of one model over all materials."""
+    frames: dict[str, list[pd.DataFrame]] = {"fits": [], "parameters": [], "errors": []}
+    for whole in run:
+        own = Material(
+            whole.facts, {k: v for k, v in whole.fits.items() if k == model}, whole.errors, whole.brdf_errors
+        )
+        frames["fits"].append(fits_frame(own))
+        frames["parameters"].append(parameters_frame(own))
+        frames["errors"].append(whole.errors[whole.errors["model"] == model])
+    for name, parts in frames.items():
+        filled = [frame for frame in parts if not frame.empty]
+        write_tsv(folder / f"{name}.tsv", pd.concat(filled) if filled else parts[0])
+
+
+def class_strengths(model: str, summary: Summary) -> list[dict[str, Any]]:
+    """For each class of materials: the median ΔE00 of the model, its rank by it, and the best model there."""
+    rows = []
+    for name in dict.fromkeys(filter(None, summary.classes.values())):
+        members = [material for material, found in summary.classes.items() if found == name]
+        whole = [m for m in summary.models if not any(summary.missing_in[material][m] for material in members)]
+        values = {m: median(summary.value(m, LEADING, material) for material in members) for m in whole}
+        values = {m: value for m, value in values.items() if not math.isnan(value)}
+        order = sorted(values, key=values.__getitem__)
+        if order:
+            best = order[0]
+            rank = order.index(model) + 1 if model in order else None
+            about = {"class": name, "materials": len(members), "value": values.get(model), "rank": rank}
+            rows.append(about | {"best": best, "best_title": summary.models[best].title, "best_value": values[best]})
+    return rows
+
+
+def model_lede(facts: ModelFacts, summary: Summary, rows: Sequence[Mapping]) -> str:
+    """How a model did: size, time, median ΔE00, where it is first, what failed."""
+    text, name = facts.paper, facts.name
+    stored, seconds = summary.cost(name, "bytes"), summary.cost(name, "seconds")
+    middle = " (median)" if len(rows) > 1 else ""
+    if not math.isnan(stored):
+        text += f"; {storage(stored)} per material{middle if facts.variable_size else ''}"
+    if not math.isnan(seconds):
+        text += f", fitted in {duration(seconds)}{middle}"
+    value = summary.value(name)
+    ranked = [row for row in rows if row["rank"]]
+    if not math.isnan(value):
+        over = f", the median over {len(ranked)} materials" if len(ranked) > 1 else ""
+        text += f". ΔE00 {digits(value, LEADING.digits)}{over}"
+        firsts = sum(row["rank"] == 1 for row in ranked)
         if firsts:
-            text += f", first on {firsts} of them"
+            text += f"; best on {firsts} of them" if len(ranked) > 1 else "; the best model on it"
+    failed = sum(bool(row["reason"]) for row in rows)
     if failed:
-        text += f"; failed on {failed}, with the reasons below"
+        text += f". It failed on {failed} material{'s' if failed > 1 else ''}: the reason is in the table"
     return text + "."
+
+
+def distributions(rows: Sequence[Mapping], seconds: Sequence[float]) -> list[dict[str, Any]]:
+    """A strip of dots for every parameter and for the time of a fit, where there is more than one value."""
+    values: dict[str, list[float]] = {}
+    for row in rows:
+        for name, numbers in row["parameters"]:
+            for index, value in enumerate(numbers):
+                label = name if len(numbers) == 1 else f"{name}[{index + 1}]"
+                values.setdefault(label, []).append(value)
+    values["seconds of a fit"] = list(seconds)
+    return [strip(label, numbers) for label, numbers in values.items() if len(numbers) > 1]
 
 
 def strip(label: str, values: Sequence[float]) -> dict[str, Any]:
     """A strip of dots: where values fall between their extremes, logarithmic when they span two decades."""
     ordered = sorted(values)
     low, high = ordered[0], ordered[-1]
-    middle = ordered[len(ordered) // 2]
+    middle = median(ordered)
     log = low > 0 and high / low > 100
 
     def place(value: float) -> float:
@@ -172,16 +197,8 @@ def strip(label: str, values: Sequence[float]) -> dict[str, Any]:
         x = place(value)
         level = stacked[round(x / 5)] = stacked.get(round(x / 5), -1) + 1
         dots.append((x, round(30 - 4.2 * (level % 6), 1)))
-    return {
-        "label": label,
-        "count": len(ordered),
-        "low": low,
-        "high": high,
-        "median": middle,
-        "median_x": place(middle),
-        "log": log,
-        "dots": dots,
-    }
+    about = {"label": label, "count": len(ordered), "low": low, "high": high, "log": log, "dots": dots}
+    return about | {"median": middle, "median_x": place(middle)}
 
 
 def write_model_pages(
@@ -196,8 +213,7 @@ def write_model_pages(
 ) -> None:
     """Write the pages of all models: each ranks its model among the others, so they are made together."""
     run = read_run(files)
+    summary = summarise_run(run, {name: model_facts(name) for name in models})
+    shared = {"pictures": pictures, "data": data, "models": models, "scenes": scenes, "summary": summary}
     for model in models:
-        page = Path(folder) / f"{model}.html"
-        write_model_page(
-            page, model=model, run=run, pictures=pictures, data=data, models=models, scenes=scenes, **links
-        )
+        write_model_page(Path(folder) / f"{model}.html", model=model, run=run, **shared, **links)

@@ -1,4 +1,4 @@
-"""The supplement as PDF: an overview with contents, two pages a material, in the manner of the papers' supplements.
+"""The supplement as PDF, in the manner of the papers' supplements: an overview, then the pages of every material.
 
 Typst sets each material by itself from JPEG and SVG, so a changed material costs its own pages only; pypdf joins them.
 All dates are fixed: the same run gives the same bytes.
@@ -13,30 +13,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import typst
 from PIL import Image
 from pypdf import PdfReader, PdfWriter
 from pypdf.annotations import Link
 from pypdf.generic import Fit
 
-from brdfatlas.constants import REFERENCE
+from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
+from brdfatlas.figures.pareto import pareto_figure
 from brdfatlas.figures.pictures import picture_file
 from brdfatlas.files import atomic_path, read_json
-from brdfatlas.reports.data import (
-    MEASURES,
-    NOISE_FLOOR,
-    Material,
-    ModelFacts,
-    SceneFacts,
-    model_facts,
-    pareto_front,
-    read_material,
-    score_of,
-)
-from brdfatlas.reports.formats import digits, integer, number, storage, with_error
-from brdfatlas.reports.index_page import findings, list_failures, run_tables
-from brdfatlas.reports.material_page import Entry, make_entry, mark_best, material_lede
+from brdfatlas.measures.summary import BUDGETS, MEASURES, Measure, Summary, score_of
+from brdfatlas.reports.data import Material, ModelFacts, SceneFacts, model_facts, read_material, summarise_run
+from brdfatlas.reports.formats import digits, integer, number, plain, seconds, storage, with_error
+from brdfatlas.reports.index_page import FEW_MATERIALS, findings, list_failures, model_rows
+from brdfatlas.reports.material_page import Entry, make_entries, material_lede
 from brdfatlas.reports.pages import TEMPLATES
 
 TEMPLATE = TEMPLATES / "supplement.typ"
@@ -44,8 +35,14 @@ TEMPLATE = TEMPLATES / "supplement.typ"
 EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 TITLE = "BRDF atlas: supplement"
 A4 = (595.276, 841.89)
-#: Measures of the table on a material's second page.
-TABLE = ("psnr_db", "psnr_tonemapped_db", "de00_mean", "de00_p95", "flip_mean", "ssim")
+#: Measures of the tables.
+TABLE = ("de00_mean", "de00_p95", "flip_mean", "psnr_db", "psnr_tonemapped_db", "ssim")
+#: Width of a page's content and the height that both grids of tiles may take, mm; a tile's caption has two lines.
+WIDTH, HEIGHT, CAPTION = 182, 226, 6.0
+STANDINS = (
+    "{0} of {1} materials are stand-ins, not measurements: each is the median of five published fits. Their numbers "
+)
+STANDINS += "cannot be compared with published ones."
 
 
 def typeset(data: Mapping[str, Any], files: Mapping[str, bytes] | None = None) -> bytes:
@@ -70,6 +67,24 @@ def jpeg(path: str | Path, size: int = 256, quality: int = 86) -> bytes:
         return stream.getvalue()
 
 
+class Files:
+    """Pictures of one document by the names that the template knows them by; each is stored once."""
+
+    def __init__(self) -> None:
+        self.content: dict[str, bytes] = {}
+        self._names: dict[Path, str] = {}
+
+    def add(self, path: Path) -> str:
+        """The name of a picture; empty where the run made none."""
+        if not path.is_file():
+            return ""
+        if path not in self._names:
+            svg = path.suffix == ".svg"
+            self._names[path] = name = f"p{len(self.content)}{'.svg' if svg else '.jpg'}"
+            self.content[name] = path.read_bytes() if svg else jpeg(path)
+        return self._names[path]
+
+
 def write_material_pdf(
     output: str | Path,
     *,
@@ -81,63 +96,52 @@ def write_material_pdf(
     assets: str | Path,
     models: Sequence[str],
     scenes: Sequence[SceneFacts],
+    published: str | Path | None = None,
 ) -> None:
-    """Write the two pages of one material: renders and colour differences; lobes, functions and numbers."""
-    pictures = Path(pictures)
+    """Write the pages of one material: renders and colour differences, the same with the reference in every slot, so
+    that paging flips; lobes, functions and numbers; parameters."""
+    pictures, files = Path(pictures), Files()
     material = read_material(material_file, fit_files, errors_file, brdf_errors_file)
-    facts = {name: model_facts(name) for name in models}
-    entries = [make_entry(material, name, facts[name], scenes) for name in models]
-    mark_best(material, entries, scenes)
-    files: dict[str, bytes] = {}
-
-    def add(path: Path) -> str:
-        if not path.is_file():
-            return ""
-        name = f"p{len(files)}{'.svg' if path.suffix == '.svg' else '.jpg'}"
-        files[name] = path.read_bytes() if path.suffix == ".svg" else jpeg(path)
-        return name
-
+    summary = summarise_run([material], {name: model_facts(name) for name in models})
+    entries = make_entries(material, summary, scenes, published)
     scene = scenes[0]
-    renders = [_tile("reference", add(picture_file(pictures, scene.name, REFERENCE)), "", "no picture")]
+    reference = files.add(picture_file(pictures, scene.name, REFERENCE))
+    renders = [_tile("reference", reference, "", "no picture")]
     errors = []
     for entry in entries:
         row = entry.rows.get(scene.name, {})
         psnr = f"{with_error(row.get('psnr_db'), row.get('psnr_se_db'))} dB"
-        renders.append(_tile(entry.title, add(picture_file(pictures, scene.name, entry.name)), psnr, entry.reason))
-        delta = digits(row.get("de00_mean"), 2)
-        errors.append(
-            _tile(entry.title, add(picture_file(pictures, scene.name, entry.name, "de00")), delta, entry.reason)
-        )
+        delta = f"ΔE00 {digits(row.get('de00_mean'), 2)}"
+        render, error = (files.add(picture_file(pictures, scene.name, entry.name, kind)) for kind in ("render", "de00"))
+        renders.append(_tile(entry.title, render, f"{delta}, {psnr}", entry.reason))
+        errors.append(_tile(entry.title, error, delta, entry.reason))
     columns = tile_columns(len(renders), len(errors))
-    drawn = [
-        (entry.title, pictures / kind / f"{entry.name}.svg") for kind in ("functions", "factors") for entry in entries
-    ]
-    functions = [{"title": title, "picture": add(path)} for title, path in drawn if path.is_file()]
+    flipped = [tile | ({"picture": reference} if tile["picture"] else {}) for tile in renders]
     data = {
         "kind": "material",
         "title": material.title,
         "standin": material.standin,
-        "lede": material_lede(material, entries, scenes),
+        "lede": material_lede(material, summary, scenes),
         "scene": scene.title or scene.label,
         "columns": columns,
-        "tile": round((182 - columns) / columns, 1),
-        "renders": renders,
+        "tile": round((WIDTH - columns) / columns, 1),
+        "pages": [renders, flipped],
         "errors": errors,
-        "bar": add(Path(assets) / "bar-de00.svg"),
-        "lobes": add(pictures / "lobes.svg"),
-        "functions": functions,
-        "table": _material_table(material, entries, scenes),
-        "table_size": 7.0 if len(entries) * len(scenes) < 40 else 6.2,
-        "remarks": _footnotes(facts.values()),
+        "bar": files.add(Path(assets) / "bar-de00.svg"),
+        "lobes": files.add(pictures / "lobes.svg"),
+        "functions": files.add(pictures / "functions.svg"),
+        "table": _material_table(material, summary, entries, scenes),
+        "remarks": _footnotes(summary.models.values()),
+        "parameters": parameter_lines(entries),
     }
-    _write(output, typeset(data, files))
+    _write(output, typeset(data, files.content))
 
 
 def tile_columns(renders: int, errors: int) -> int:
     """The fewest columns (largest pictures) with which both grids of square tiles fit one page."""
     for columns in range(4, 13):
-        height = 182 / columns + 3.2
-        if height * (math.ceil(renders / columns) + math.ceil(errors / columns)) <= 225:
+        height = WIDTH / columns + CAPTION
+        if height * (math.ceil(renders / columns) + math.ceil(errors / columns)) <= HEIGHT:
             return columns
     return 12
 
@@ -146,47 +150,59 @@ def _tile(title: str, picture: str, value: str, reason: str) -> dict[str, str]:
     return {"title": title, "picture": picture, "value": value, "reason": reason or "no picture", "alt": title}
 
 
-def _material_table(material: Material, entries: Sequence[Entry], scenes: Sequence[SceneFacts]) -> dict[str, Any]:
+def parameter_lines(entries: Sequence[Entry]) -> list[dict[str, Any]]:
+    """For each model its parameters: symbol, meaning, unit, bounds, values (a star on a bound) and published ones."""
+    found = []
+    for entry in entries:
+        rows = []
+        for item in entry.parameters:
+            values = ", ".join(f"{text}*" if bound else text for text, bound in item["values"])
+            if not values:
+                values = "–" if entry.reason else f"{item['shape']} numbers"
+            theirs = ", ".join(item["published"])
+            cells = [plain(item["name"]), item["description"], item["unit"] or "–", item["range"], values, theirs]
+            rows.append(cells)
+        if rows:
+            found.append({"title": entry.title, "rows": rows})
+    return found
+
+
+def _shown(measure: Measure, mean: float, error: float) -> str:
+    return with_error(mean, error, measure.digits) if measure.key == "psnr_db" else digits(mean, measure.digits)
+
+
+def _material_table(
+    material: Material, summary: Summary, entries: Sequence[Entry], scenes: Sequence[SceneFacts]
+) -> dict[str, Any]:
     measures = [measure for measure in MEASURES if measure.key in TABLE]
     over = "mean over scenes" if len(scenes) > 1 else scenes[0].label
     head = [f"Model ({over})", *(measure.label for measure in measures), "Bytes", "Seconds", "Albedo ≤"]
-    means = {
-        measure.key: {
-            e.name: score_of(material.scores, e.name, measure.key).mean
-            for e in entries
-            if not material.missing.get(e.name)
-        }
-        for measure in measures
-    }
+    scores = summary.by_material[material.name]
+    best = {measure.key: summary.best(measure, material.name) for measure in measures}
     rows = []
     for entry in entries:
-        cells, best = [entry.title], []
-        for place, measure in enumerate(measures, 1):
-            found = score_of(material.scores, entry.name, measure.key)
-            psnr = measure.key == "psnr_db"
-            cells.append(
-                with_error(found.mean, found.error, measure.digits) if psnr else digits(found.mean, measure.digits)
-            )
-            alive = [value for value in means[measure.key].values() if not math.isnan(value)]
-            best_mean = (max if measure.higher_is_better else min)(alive, default=None)
-            if found.mean == best_mean and entry.name in means[measure.key]:
-                best.append(place)
+        found = [score_of(scores, entry.name, measure.key) for measure in measures]
+        cells = [_shown(measure, score.mean, score.error) for measure, score in zip(measures, found, strict=True)]
+        marked = [place for place, measure in enumerate(measures, 1) if entry.name in best[measure.key]]
         fit = entry.fit or {}
         cells += [integer(fit.get("bytes")), number(fit.get("seconds")), digits(entry.physics["max_albedo"], 3)]
-        rows.append(
-            {"cells": [entry.title + " (failed)", *cells[1:]] if entry.reason else cells, "best": best, "kind": ""}
-        )
-    if NOISE_FLOOR in material.scores:
-        floor = [score_of(material.scores, NOISE_FLOOR, measure.key) for measure in measures]
-        cells = [digits(score.mean, measure.digits) for score, measure in zip(floor, measures, strict=True)]
-        rows.append({"cells": ["noise floor (reference, other seed)", *cells, "", "", ""], "best": [], "kind": "floor"})
-    return {"head": head, "rows": rows}
+        title = f"{entry.title} (failed)" if entry.reason else entry.title
+        rows.append({"cells": [title, *cells], "best": marked, "kind": ""})
+    if REFERENCE_AGAIN in scores:
+        noise = [score_of(scores, REFERENCE_AGAIN, measure.key) for measure in measures]
+        cells = [digits(score.mean, measure.digits) for score, measure in zip(noise, measures, strict=True)]
+        rows.append({"cells": ["reference, other seed", *cells, "", "", ""], "best": [], "kind": "noise"})
+    return {"head": head, "rows": rows, "size": 7.0 if len(rows) < 36 else 6.2}
 
 
 def _footnotes(facts: Sequence[ModelFacts] | Any) -> list[str]:
-    notes = [f"{item.title}: {item.status}." for item in facts if item.status]
-    flagged = [item.title for item in facts if not item.reciprocal]
-    return notes + ([f"Not reciprocal, as published: {', '.join(flagged)}."] if flagged else [])
+    notes: dict[str, list[str]] = {}
+    for item in facts:
+        if item.status:
+            notes.setdefault(item.status, []).append(item.title)
+        if not item.reciprocal:
+            notes.setdefault("not reciprocal, as published", []).append(item.title)
+    return [f"{', '.join(titles)}: {text}." for text, titles in notes.items()]
 
 
 def write_supplement(
@@ -205,12 +221,13 @@ def write_supplement(
     front = 2
     while True:  # the contents hold page numbers, which depend on how long the contents are
         starts = [front + sum(counts[:i]) for i in range(len(counts))]
-        data["contents"] = [
+        contents = [
             {"name": m.name, "title": m.title, "standin": m.standin, "page": str(start + 1)}
             for m, start in zip(materials, starts, strict=True)
         ]
+        data["contents"] = contents if len(materials) >= FEW_MATERIALS else []
         first = PdfReader(io.BytesIO(typeset(data, files)))
-        if len(first.pages) <= front:
+        if len(first.pages) == front:
             break
         front = len(first.pages)
     writer = PdfWriter()
@@ -236,19 +253,22 @@ def write_supplement(
 
 def _link_contents(writer: PdfWriter, front: PdfReader, materials: Sequence[Material], starts: Sequence[int]) -> None:
     """A link over each line of the contents: its place is that of the material's page number in the text."""
+    if len(materials) < FEW_MATERIALS:
+        return
     wanted = {str(start + 1): start for start in starts}
     for place, page in enumerate(front.pages):
-        if place == 0:
+        if place < 2:
             continue
         lines: list[tuple[float, float, str]] = []
 
-        def visit(text, _cm, tm, _font, _size, lines=lines):
-            if text.strip():
-                lines.append((tm[5], tm[4], text.strip()))
+        def visit(text, cm, tm, _font, _size, lines=lines):
+            x, y = (tm[4] * cm[i] + tm[5] * cm[2 + i] + cm[4 + i] for i in (0, 1))
+            if text.strip() and y > 0:
+                lines.append((y, x, text.strip()))
 
         page.extract_text(visitor_text=visit)
         for y, x, text in lines:
-            target = wanted.get(text.split()[-1])
+            target = wanted.pop(text.split()[-1], None)
             if target is not None:
                 half = A4[0] / 2 if len(materials) > 40 else A4[0]
                 left = 40 if x < half else half
@@ -259,102 +279,62 @@ def _link_contents(writer: PdfWriter, front: PdfReader, materials: Sequence[Mate
 def overview(
     run: Mapping[str, Any], materials: Sequence[Material], models: Sequence[str], scenes: Sequence[SceneFacts]
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """What the first pages say: findings, the table of models, error against cost, failures."""
-    facts = [model_facts(name) for name in models]
-    rows, _tables = run_tables(run, materials, facts)
+    """What the first two pages say: findings, recommendation, error against cost; the models, failures."""
+    summary = summarise_run(materials, {name: model_facts(name) for name in models})
+    rows = model_rows(summary)
     standins = sum(material.standin for material in materials)
-    measures = [measure for measure in MEASURES if measure.key in TABLE]
-    cells = []
-    for row in rows:
-        scores = row["scores"]
-        best = [4 + place for place, measure in enumerate(measures) if row["best"].get(measure.key)]
-        values = [
-            with_error(scores[m.key].mean, scores[m.key].error, m.digits)
-            if m.key == "psnr_db"
-            else digits(scores[m.key].mean, m.digits)
-            for m in measures
-        ]
-        about = [row["facts"].paper, storage(row["bytes"]), number(row["seconds"])] if row["facts"] else ["", "", ""]
-        cells.append({"cells": [row["title"], *about, *values], "best": best, "kind": "floor" if row["floor"] else ""})
-    failures = [
-        f"{f['title']}, {f['model_title']}: {f['reason']}"
-        for f in list_failures(materials, {f.name: f.title for f in facts})
-    ]
+    failures = [f"{f['title']}, {f['model_title']}: {f['reason']}" for f in list_failures(materials, summary.models)]
     failures += [f"left out: {item['name']}: {item['reason']}" for item in run.get("left_out") or []]
-    figure = pareto_figure([row for row in rows if not row["floor"]])
+    figure = pareto_figure(summary)
+    version = (run.get("versions") or {}).get("brdfatlas", "")
     data = {
         "kind": "overview",
         "title": TITLE,
-        "standins": f"{standins} of {len(materials)} materials are stand-ins, not measurements: the median of five "
-        "published fits. Compare nothing here with a paper."
-        if standins
-        else "",
-        "findings": findings(materials, rows),
-        "about": f"{len(materials)} materials, {len(models)} models, "
-        f"{len(scenes)} scene{'s' * (len(scenes) != 1)}; brdfatlas "
-        f"{(run.get('versions') or {}).get('brdfatlas', '')}, revision {run.get('revision', 'unknown')}.",
+        "standins": STANDINS.format(standins, len(materials)) if standins else "",
+        "findings": findings(materials, summary),
+        "about": f"{len(materials)} materials, {len(models)} models, {len(scenes)} scene{'s' * (len(scenes) != 1)}; "
+        f"brdfatlas {version}, revision {run.get('revision', 'unknown')}.",
+        "recommended": _recommended_table(materials, summary),
         "pareto": "pareto.svg" if figure else "",
-        "table": {"head": ["Model", "Paper", "Storage", "Fit (s)", *(m.label for m in measures)], "rows": cells},
-        "remarks": _footnotes(facts),
+        "table": _models_table(rows),
+        "remarks": _footnotes(summary.models.values()),
         "failures": failures,
         "contents": [],
     }
     return data, {"pareto.svg": figure} if figure else {}
 
 
-def spread(heights: Sequence[float], gap: float) -> list[float]:
-    """Descending ``heights`` moved apart to at least ``gap``, about their own middle, in the same order."""
-    placed: list[float] = []
-    for height in heights:
-        placed.append(min(height, placed[-1] - gap) if placed else height)
-    shift = sum(h - p for h, p in zip(heights, placed, strict=True)) / max(len(placed), 1)
-    return [p + shift for p in placed]
+def _recommended_table(materials: Sequence[Material], summary: Summary) -> dict[str, Any]:
+    """The recommendation for each material, or for each class where there are many: a cell holds model, ΔE00, bytes
+    and seconds."""
+    groups = {m.title: [m.name] for m in materials}
+    if len(materials) > FEW_MATERIALS:
+        groups = {}
+        for name, found in summary.classes.items():
+            groups.setdefault(found or "unknown", []).append(name)
+        groups = {f"{name} ({len(members)})": members for name, members in groups.items()}
+    rows = []
+    for title, members in groups.items():
+        cells = []
+        for model in summary.recommend(members):
+            found = summary.candidate(model, group=members) if model else None
+            numbers = f"{digits(found.de00, 2)} · {storage(found.bytes)} · {seconds(found.seconds)}" if found else ""
+            cells.append({"model": summary.models[model].title if model else "none", "numbers": numbers})
+        rows.append({"title": title, "cells": cells})
+    return {"head": [budget.title for budget in BUDGETS], "rows": rows}
 
 
-def pareto_figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    """Mean PSNR against bytes and against seconds of one fit, as SVG; empty if there is nothing to draw. The line is
-    over the models that have every picture."""
-    import matplotlib
-
-    matplotlib.use("svg")
-    from matplotlib.figure import Figure
-
-    finite = [row for row in rows if math.isfinite(row["scores"]["psnr_db"].mean)]
-    if not finite:
-        return b""
-    with matplotlib.rc_context(
-        {"svg.hashsalt": "brdfatlas", "font.size": 7, "axes.spines.top": False, "axes.spines.right": False}
-    ):
-        figure = Figure(figsize=(7.2, 2.9), layout="constrained")
-        for axes, key, label in zip(
-            figure.subplots(1, 2), ("bytes", "seconds"), ("bytes of one fit", "seconds of one fit"), strict=True
-        ):
-            points = {row["title"]: (row[key], row["scores"]["psnr_db"].mean) for row in finite if row[key]}
-            if not points:
-                continue
-            axes.set_xscale("log")
-            complete = {row["title"] for row in finite if not row["missing"]}
-            front = pareto_front({name: point for name, point in points.items() if name in complete}, True)
-            steps = np.reshape([points[name] for name in front], (-1, 2)).T
-            axes.step(*steps, where="post", color="0.5", lw=0.8, ls=":")
-            order = sorted(points, key=lambda name: points[name][1], reverse=True)
-            for name in order:
-                axes.plot(*points[name], "o", ms=4, color="#0072b2", mfc="#0072b2" if name in front else "white")
-            low, high = axes.get_ylim()
-            heights = [(points[name][1] - low) / (high - low) for name in order]
-            # Names stand in a column at the right, each with a line to its point: models lie close together.
-            for name, height in zip(order, spread(heights, 0.043), strict=True):
-                axes.annotate(
-                    name.replace("$", r"\$"), points[name], (1.04, height), textcoords="axes fraction", fontsize=5.5,
-                    va="center", annotation_clip=False, weight="bold" if name in front else "normal",
-                    arrowprops={"arrowstyle": "-", "lw": 0.3, "color": "0.6", "shrinkA": 1, "shrinkB": 2},
-                )  # fmt: skip
-            axes.set_xlabel(label)
-            axes.set_ylabel("mean PSNR (dB)")
-            axes.grid(color="0.92", lw=0.5)
-        stream = io.BytesIO()
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": "brdfatlas"})
-        return stream.getvalue()
+def _models_table(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Medians over the materials, best first."""
+    measures = [measure for measure in MEASURES if measure.key in TABLE]
+    cells = []
+    for row in rows:
+        values = [digits(row["scores"][measure.key].median, measure.digits) for measure in measures]
+        about = [row["facts"].paper, storage(row["bytes"]), number(row["seconds"])] if row["facts"] else ["", "", ""]
+        best = [4 + place for place, measure in enumerate(measures) if measure.key in row["best"]]
+        cells.append({"cells": [row["title"], *about, *values], "best": best, "kind": "noise" if row["noise"] else ""})
+    head = ["Model (median over materials)", "Paper", "Storage", "Fit (s)", *(measure.label for measure in measures)]
+    return {"head": head, "rows": cells, "size": 7.2 if len(cells) < 40 else 6.2}
 
 
 def _write(path: str | Path, content: bytes) -> None:

@@ -9,15 +9,21 @@ from typing import Any
 
 import pandas as pd
 
+from brdfatlas.constants import REFERENCE_AGAIN
 from brdfatlas.files import atomic_path
-from brdfatlas.measures.ranking import TOLD_APART
+from brdfatlas.measures.ranking import LEADING, TOLD_APART
 from brdfatlas.measures.tables import CLASSES, TIE_DB
 from brdfatlas.measures.tsv import read_tsv
-from brdfatlas.reports.data import NOISE_FLOOR, model_facts
+from brdfatlas.reports.data import model_facts
 from brdfatlas.reports.pages import find_picture, render_page
 
-#: Columns of the table of classes: measure, heading, decimals, whether more is better.
-SHOWN = (("psnr_db", "PSNR (dB)", 1, True), ("de00_mean", "ΔE00", 2, False), ("flip_mean", "FLIP", 3, False))
+#: Columns of the table of classes: measure, its statistics, heading, decimals, whether more is better. Linear PSNR
+#: cannot be compared between materials: only its median stands here.
+SHOWN = (
+    ("de00_mean", ("mean", "median"), "ΔE00", 2, False),
+    ("flip_mean", ("mean", "median"), "FLIP", 3, False),
+    ("psnr_db", ("median",), "PSNR (dB)", 1, True),
+)
 TABLES = ("summary", "summary_brdf", "wins", "published")
 
 
@@ -51,7 +57,7 @@ def write_standings(
         standins=int(whole["standins"].max()),
         materials=int(whole["materials"].max()),
         tie=f"{TIE_DB:g}",
-        measures=[(name, title, places) for name, title, places, _ in SHOWN],
+        columns=[f"{title}, {kind}" for _, kinds, title, _, _ in SHOWN for kind in kinds],
         scenes=scene_rows(summary, models),
         classes=class_rows(summary, models),
         duels=duel_rows(wins, models),
@@ -67,7 +73,7 @@ def comparable(row: pd.Series) -> bool:
 
 
 def scene_rows(summary: pd.DataFrame, models: Sequence[str]) -> dict[str, Any]:
-    """Mean PSNR over all materials, a column a scene and all scenes last: {"names": [...], "rows": [...]}, the best of
+    """Mean dE00 over all materials, a column a scene and all scenes last: {"names": [...], "rows": [...]}, the best of
     each column marked. No names where the run has one scene."""
     part = summary[summary["class"] == "all"]
     names = [name for name in dict.fromkeys(part["scene"]) if name != "all"]
@@ -76,18 +82,18 @@ def scene_rows(summary: pd.DataFrame, models: Sequence[str]) -> dict[str, Any]:
     for scene in [*names, "all"]:
         column = part.xs(scene, level="scene")
         column = column[column.index.isin(models) & column.apply(comparable, axis=1).astype(bool)]
-        best[scene] = column["psnr_db_mean"].max()
+        best[scene] = column[f"{LEADING}_mean"].min()
     rows = []
-    for model in [*models, NOISE_FLOOR]:
+    for model in [*models, REFERENCE_AGAIN]:
         if (model, "all") not in part.index:
             continue
         cells = []
         for scene in [*names, "all"]:
             row = part.loc[(model, scene)] if (model, scene) in part.index else None
-            value = float("nan") if row is None else float(row["psnr_db_mean"])
-            is_best = model != NOISE_FLOOR and row is not None and comparable(row) and value == best[scene]
+            value = float("nan") if row is None else float(row[f"{LEADING}_mean"])
+            is_best = model != REFERENCE_AGAIN and row is not None and comparable(row) and value == best[scene]
             cells.append({"value": value, "best": is_best})
-        rows.append({"model": model, "floor": model == NOISE_FLOOR, "cells": cells})
+        rows.append({"model": model, "floor": model == REFERENCE_AGAIN, "cells": cells})
     return {"names": names, "rows": rows}
 
 
@@ -100,28 +106,28 @@ def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, A
             continue
         judged = [name for name in models if name in part.index and comparable(part.loc[name])]
         rows = []
-        for name in [*(name for name in models if name in part.index), NOISE_FLOOR]:
+        for name in [*(name for name in models if name in part.index), REFERENCE_AGAIN]:
             if name not in part.index:
                 continue
             cells = []
-            for measure, _, places, higher in SHOWN:
-                for kind in ("mean", "median"):
+            for measure, kinds, _, places, higher in SHOWN:
+                for kind in kinds:
                     column = part.loc[judged, f"{measure}_{kind}"]
                     best = name in judged and part.loc[name, f"{measure}_{kind}"] == (
                         column.max() if higher else column.min()
                     )
                     cells.append({"value": part.loc[name, f"{measure}_{kind}"], "places": places, "best": bool(best)})
             counts = {key: int(part.loc[name, key]) for key in ("count", "failed", "bounds")}
-            rows.append({"model": name, "floor": name == NOISE_FLOOR, "cells": cells} | counts)
+            rows.append({"model": name, "floor": name == REFERENCE_AGAIN, "cells": cells} | counts)
         tables.append({"class": class_name, "rows": rows})
     return tables
 
 
-def duel_rows(wins: pd.DataFrame, models: Sequence[str]) -> dict[str, Any]:
-    """Every model against every other over all materials: {"names": [...], "rows": [(name, cells)]}; a cell is None on
-    the diagonal, else wins, ties, losses, their balance in [-1, 1], the mean difference, its standard error over
-    materials and whether the difference is told apart from 0 by it."""
-    found = wins[wins["class"] == "all"].set_index(["model", "other"])
+def duel_rows(wins: pd.DataFrame, models: Sequence[str], measure: str = LEADING) -> dict[str, Any]:
+    """Every model against every other over all materials in a measure: {"names": [...], "rows": [(name, cells)]}; a
+    cell is None on the diagonal, else wins, ties, losses, their balance in [-1, 1], the mean difference, its standard
+    error over materials and whether the difference is told apart from 0 by it."""
+    found = wins[(wins["class"] == "all") & (wins["measure"] == measure)].set_index(["model", "other"])
     names = [name for name in models if name in found.index.get_level_values(0)]
     rows = []
     for model in names:
@@ -133,7 +139,7 @@ def duel_rows(wins: pd.DataFrame, models: Sequence[str]) -> dict[str, Any]:
             row = found.loc[(model, other)]
             cell: dict[str, Any] = {key: int(row[key]) for key in ("count", "wins", "ties", "losses")}
             balance = (cell["wins"] - cell["losses"]) / max(cell["count"], 1)
-            difference, error = float(row["mean_difference_db"]), float(row["se_difference_db"])
+            difference, error = float(row["mean_difference"]), float(row["se_difference"])
             apart = math.isinf(difference) or abs(difference) > TOLD_APART * error
             cells.append(cell | {"balance": balance, "difference": difference, "error": error, "apart": apart})
         rows.append((model, cells))

@@ -13,8 +13,8 @@ ln(1 + rho cos theta_i), where the sums change with the model and take a pass ov
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from brdfatlas.compiled import njit
 from brdfatlas.solvers.least_squares import Moments
 
 
@@ -92,8 +92,8 @@ class CellMoments:
 
 
 @njit(cache=True, nogil=True)
-def _log_pass(stored, cosine, factors, amplitude, a, sums, between, cross):
-    """Adds up (ln(1 + f c) - stored)^2, and over phi_d u^2 g g and u r g with u = d ln(1 + f c) / df."""
+def _log_pass(stored, weights, cosine, factors, amplitude, a, sums, between, cross):
+    """Adds up w (ln(1 + f c) - stored)^2, and over phi_d w u^2 g g and w u r g with u = d ln(1 + f c) / df."""
     cells, n_phi, channels = stored.shape
     count = factors.shape[0] + 1
     want = between.size > 0
@@ -101,7 +101,8 @@ def _log_pass(stored, cosine, factors, amplitude, a, sums, between, cross):
     g[0] = 1.0
     for i in range(cells):
         for p in range(n_phi):
-            if not stored[i, p, 0] >= 0.0:
+            w = weights[i, p]
+            if not w > 0.0:
                 continue
             specular = 0.0
             for k in range(count - 1):
@@ -111,12 +112,12 @@ def _log_pass(stored, cosine, factors, amplitude, a, sums, between, cross):
             for c in range(channels):
                 value = 1.0 + (a[c, 0] + a[c, 1] * specular) * cos
                 r = np.log(value) - stored[i, p, c]
-                sums[c] += r * r
+                sums[c] += w * r * r
                 if want:
                     u = cos / value
                     for k in range(count):
-                        cross[c, k, i] += u * r * g[k]
-                        ug = u * u * g[k]
+                        cross[c, k, i] += w * u * r * g[k]
+                        ug = w * u * u * g[k]
                         for m in range(k + 1):
                             between[c, k, m, i] += ug * g[m]
 
@@ -124,28 +125,30 @@ def _log_pass(stored, cosine, factors, amplitude, a, sums, between, cross):
 class LogCells:
     """Löw's E2 of f = a_c0 + a_c1 sum_k A_k g_k against a material: value and normal equations.
 
-    ``target`` (..., n_phi, C) in 1/sr; ``keep`` bool (..., n_phi), ``cosine`` cos theta_i, ``factors`` as in
-    :class:`CellMoments`. The value is the sum of squares over the kept samples and channels, divided by the number of
-    kept samples (``objectives.loew_e2``).
+    ``target`` (..., n_phi, C) in 1/sr; ``weights`` (..., n_phi), 0 for what is left out; ``cosine`` cos theta_i,
+    ``factors`` as in :class:`CellMoments`. The value is the weighted mean of the squares, summed over the channels
+    (``objectives.loew_e2``).
     """
 
-    def __init__(self, target, keep, cosine, factors: Sequence[np.ndarray]) -> None:
+    def __init__(self, target, weights, cosine, factors: Sequence[np.ndarray]) -> None:
         n_phi, channels = target.shape[-2:]
         self.channels = channels
         cosine = np.ascontiguousarray(cosine, np.float32).reshape(-1, n_phi)
-        stored = np.full(target.shape, -1.0, np.float32)
+        keep = weights > 0
+        stored = np.zeros(target.shape, np.float32)
         stored[keep] = np.log1p(np.maximum(target[keep] * cosine.reshape(keep.shape)[keep][:, None], 0))
         self.stored, self.cosine = stored.reshape(-1, n_phi, channels), cosine
         self.factors = np.stack([np.broadcast_to(g, keep.shape).reshape(-1, n_phi) for g in factors])
-        self.count = int(keep.sum())
+        self.weights = np.ascontiguousarray(weights / weights.sum(), float).reshape(-1, n_phi)
 
     def value(self, amplitude: np.ndarray, a: np.ndarray) -> float:
         """E2 of the amplitudes (K, ...cells) and the linear parameters a (C, 2)."""
         sums = np.zeros(self.channels)
         amplitude = np.ascontiguousarray(amplitude).reshape(len(self.factors), -1)
         empty = np.empty((0, 0, 0, 0))
-        _log_pass(self.stored, self.cosine, self.factors, amplitude, a, sums, empty, np.empty((0, 0, 0)))
-        return float(sums.sum() / self.count)
+        nothing = np.empty((0, 0, 0))
+        _log_pass(self.stored, self.weights, self.cosine, self.factors, amplitude, a, sums, empty, nothing)
+        return float(sums.sum())
 
     def normal_equations(self, columns: np.ndarray, a: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """value, J^T r and J^T J by [x_0 .. x_{P-1}, a_00, a_01, a_10, ...].
@@ -158,7 +161,7 @@ class LogCells:
         sums = np.zeros(self.channels)
         between = np.zeros((self.channels, n_factors + 1, n_factors + 1, cells))
         cross = np.zeros((self.channels, n_factors + 1, cells))
-        _log_pass(self.stored, self.cosine, self.factors, columns[0], a, sums, between, cross)
+        _log_pass(self.stored, self.weights, self.cosine, self.factors, columns[0], a, sums, between, cross)
         size = n_x + 2 * self.channels
         gradient, matrix = np.zeros(size), np.zeros((size, size))
         for c in range(self.channels):
@@ -179,4 +182,4 @@ class LogCells:
             combine[n_x + 2 * c, 0] = combine[n_x + 2 * c + 1, 1] = 1.0
             gradient += combine @ slope
             matrix += combine @ gram @ combine.T
-        return float(sums.sum() / self.count), gradient / self.count, matrix / self.count
+        return float(sums.sum()), gradient, matrix

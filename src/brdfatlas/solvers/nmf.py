@@ -10,7 +10,8 @@ columns of one matrix factored again as in Lawrence et al. 2004; weight 0 marks 
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+
+from brdfatlas.compiled import njit
 
 TINY = 1e-300
 

@@ -1,7 +1,8 @@
 """Sums of rank-one terms: the higher-order power iteration with missing data, and what evaluates its result."""
 
 import numpy as np
-from numba import njit
+
+from brdfatlas.compiled import njit
 
 
 @njit(cache=True, nogil=True)

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, grid_axes
+from brdfatlas.compiled import njit
 
 N_NODES = 90
 N_CELLS_2D = N_THETA_H * N_THETA_D
@@ -231,20 +231,34 @@ def collect(pair_start, cell, u, v, q, w, wr, m, out):
 
 
 @njit(cache=True, nogil=True)
+def first_sums(t):
+    """Of one row of :func:`collect`: r_ab = sum w rho y u_a v_b and s_ab = sum w y u_a v_b, a and b the lower (0) or
+    upper (1) node of the interval, u_0 = 1 - u, u_1 = u."""
+    return t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7]
+
+
+@njit(cache=True, nogil=True)
+def second_sums(t):
+    """Of one row of :func:`collect`: q_ab = sum w y^2 U_a V_b with the monomials U = (u_0^2, u_0 u_1, u_1^2) and V."""
+    return t[8], t[9], t[10], t[11], t[12], t[13], t[14], t[15], t[16]
+
+
+@njit(cache=True, nogil=True)
 def pair_sums(pair_i, pair_o, t, g):
     """sum w x, sum w x^2, sum w rho x over all samples, x = M G G / (cos cos), from the sums of :func:`collect`."""
     s1, s2, r1 = 0.0, 0.0, 0.0
     for b in range(pair_i.size):
         i0, i1 = g[pair_i[b]], g[pair_i[b] + 1]
         o0, o1 = g[pair_o[b]], g[pair_o[b] + 1]
-        c = t[b]
-        r1 += i0 * (c[0] * o0 + c[1] * o1) + i1 * (c[2] * o0 + c[3] * o1)
-        s1 += i0 * (c[4] * o0 + c[5] * o1) + i1 * (c[6] * o0 + c[7] * o1)
+        r00, r01, r10, r11, s00, s01, s10, s11 = first_sums(t[b])
+        q00, q01, q02, q10, q11, q12, q20, q21, q22 = second_sums(t[b])
+        r1 += i0 * (r00 * o0 + r01 * o1) + i1 * (r10 * o0 + r11 * o1)
+        s1 += i0 * (s00 * o0 + s01 * o1) + i1 * (s10 * o0 + s11 * o1)
         b0, b1, b2 = o0 * o0, 2.0 * o0 * o1, o1 * o1
         s2 += (
-            i0 * i0 * (c[8] * b0 + c[9] * b1 + c[10] * b2)
-            + 2.0 * i0 * i1 * (c[11] * b0 + c[12] * b1 + c[13] * b2)
-            + i1 * i1 * (c[14] * b0 + c[15] * b1 + c[16] * b2)
+            i0 * i0 * (q00 * b0 + q01 * b1 + q02 * b2)
+            + 2.0 * i0 * i1 * (q10 * b0 + q11 * b1 + q12 * b2)
+            + i1 * i1 * (q20 * b0 + q21 * b1 + q22 * b2)
         )
     return s1, s2, r1
 
@@ -259,20 +273,21 @@ def pair_normal(pair_i, pair_o, t, g, rho_d, diagonal, off, right):
     for b in range(pair_i.size):
         i, o = pair_i[b], pair_o[b]
         i0, i1, o0, o1 = g[i], g[i + 1], g[o], g[o + 1]
-        c = t[b]
-        z00, z01, z10, z11 = c[0] - rho_d * c[4], c[1] - rho_d * c[5], c[2] - rho_d * c[6], c[3] - rho_d * c[7]
+        r00, r01, r10, r11, s00, s01, s10, s11 = first_sums(t[b])
+        q00, q01, q02, q10, q11, q12, q20, q21, q22 = second_sums(t[b])
+        z00, z01, z10, z11 = r00 - rho_d * s00, r01 - rho_d * s01, r10 - rho_d * s10, r11 - rho_d * s11
         right[i] += z00 * o0 + z01 * o1
         right[i + 1] += z10 * o0 + z11 * o1
         right[o] += z00 * i0 + z10 * i1
         right[o + 1] += z01 * i0 + z11 * i1
         x0, x1, x2 = o0 * o0, 2.0 * o0 * o1, o1 * o1
-        diagonal[i] += c[8] * x0 + c[9] * x1 + c[10] * x2
-        off[i] += c[11] * x0 + c[12] * x1 + c[13] * x2
-        diagonal[i + 1] += c[14] * x0 + c[15] * x1 + c[16] * x2
+        diagonal[i] += q00 * x0 + q01 * x1 + q02 * x2
+        off[i] += q10 * x0 + q11 * x1 + q12 * x2
+        diagonal[i + 1] += q20 * x0 + q21 * x1 + q22 * x2
         x0, x1, x2 = i0 * i0, 2.0 * i0 * i1, i1 * i1
-        diagonal[o] += c[8] * x0 + c[11] * x1 + c[14] * x2
-        off[o] += c[9] * x0 + c[12] * x1 + c[15] * x2
-        diagonal[o + 1] += c[10] * x0 + c[13] * x1 + c[16] * x2
+        diagonal[o] += q00 * x0 + q10 * x1 + q20 * x2
+        off[o] += q01 * x0 + q11 * x1 + q21 * x2
+        diagonal[o + 1] += q02 * x0 + q12 * x1 + q22 * x2
 
 
 @njit(cache=True, nogil=True)
@@ -331,39 +346,40 @@ def pair_joint(pair_i, pair_o, t, g, rho_d, a, gradient, mean):
     for b in range(pair_i.size):
         i, o = pair_i[b], pair_o[b]
         i0, i1, o0, o1 = g[i], g[i + 1], g[o], g[o + 1]
-        c = t[b]
+        r00, r01, r10, r11, s00, s01, s10, s11 = first_sums(t[b])
+        q00, q01, q02, q10, q11, q12, q20, q21, q22 = second_sums(t[b])
         index[0], index[1], index[2], index[3] = i, i + 1, o, o + 1
         value[0], value[1], value[2], value[3] = i0, i1, o0, o1
         x0, x1, x2 = o0 * o0, 2.0 * o0 * o1, o1 * o1
-        block[0, 0] = c[8] * x0 + c[9] * x1 + c[10] * x2
-        block[0, 1] = c[11] * x0 + c[12] * x1 + c[13] * x2
-        block[1, 1] = c[14] * x0 + c[15] * x1 + c[16] * x2
+        block[0, 0] = q00 * x0 + q01 * x1 + q02 * x2
+        block[0, 1] = q10 * x0 + q11 * x1 + q12 * x2
+        block[1, 1] = q20 * x0 + q21 * x1 + q22 * x2
         x0, x1, x2 = i0 * i0, 2.0 * i0 * i1, i1 * i1
-        block[2, 2] = c[8] * x0 + c[11] * x1 + c[14] * x2
-        block[2, 3] = c[9] * x0 + c[12] * x1 + c[15] * x2
-        block[3, 3] = c[10] * x0 + c[13] * x1 + c[16] * x2
+        block[2, 2] = q00 * x0 + q10 * x1 + q20 * x2
+        block[2, 3] = q01 * x0 + q11 * x1 + q21 * x2
+        block[3, 3] = q02 * x0 + q12 * x1 + q22 * x2
         # w y^2 u_a v_b G_i G_o, with G_i G_o written out in its four nodes
         x0, x1, x2, x3 = i0 * o0, i0 * o1, i1 * o0, i1 * o1
-        block[0, 2] = c[8] * x0 + c[9] * x1 + c[11] * x2 + c[12] * x3
-        block[0, 3] = c[9] * x0 + c[10] * x1 + c[12] * x2 + c[13] * x3
-        block[1, 2] = c[11] * x0 + c[12] * x1 + c[14] * x2 + c[15] * x3
-        block[1, 3] = c[12] * x0 + c[13] * x1 + c[15] * x2 + c[16] * x3
+        block[0, 2] = q00 * x0 + q01 * x1 + q10 * x2 + q11 * x3
+        block[0, 3] = q01 * x0 + q02 * x1 + q11 * x2 + q12 * x3
+        block[1, 2] = q10 * x0 + q11 * x1 + q20 * x2 + q21 * x3
+        block[1, 3] = q11 * x0 + q12 * x1 + q21 * x2 + q22 * x3
         for m in range(4):
             for n in range(m):
                 block[m, n] = block[n, m]
         for m in range(4):
             for n in range(4):
                 a[index[m], index[n]] += block[m, n]
-        m0, m1 = c[4] * o0 + c[5] * o1, c[6] * o0 + c[7] * o1
-        m2, m3 = c[4] * i0 + c[6] * i1, c[5] * i0 + c[7] * i1
+        m0, m1 = s00 * o0 + s01 * o1, s10 * o0 + s11 * o1
+        m2, m3 = s00 * i0 + s10 * i1, s01 * i0 + s11 * i1
         mean[i] += m0
         mean[i + 1] += m1
         mean[o] += m2
         mean[o + 1] += m3
-        gradient[i] += c[0] * o0 + c[1] * o1 - rho_d * m0 - block[0, 0] * i0 - block[0, 1] * i1
-        gradient[i + 1] += c[2] * o0 + c[3] * o1 - rho_d * m1 - block[1, 0] * i0 - block[1, 1] * i1
-        gradient[o] += c[0] * i0 + c[2] * i1 - rho_d * m2 - block[2, 2] * o0 - block[2, 3] * o1
-        gradient[o + 1] += c[1] * i0 + c[3] * i1 - rho_d * m3 - block[3, 2] * o0 - block[3, 3] * o1
+        gradient[i] += r00 * o0 + r01 * o1 - rho_d * m0 - block[0, 0] * i0 - block[0, 1] * i1
+        gradient[i + 1] += r10 * o0 + r11 * o1 - rho_d * m1 - block[1, 0] * i0 - block[1, 1] * i1
+        gradient[o] += r00 * i0 + r10 * i1 - rho_d * m2 - block[2, 2] * o0 - block[2, 3] * o1
+        gradient[o + 1] += r01 * i0 + r11 * i1 - rho_d * m3 - block[3, 2] * o0 - block[3, 3] * o1
 
 
 @njit(cache=True, nogil=True)

@@ -1,9 +1,9 @@
 """The bivariate model (Romeiro et al. 2008) as Bagher et al. 2016 fit it: one weighted mean a cell, no iteration."""
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import GRID_SHAPE, half_difference
+from brdfatlas.compiled import njit
 from brdfatlas.models.bagher2016.factors import (
     OBJECTIVE,
     OPTIONS,

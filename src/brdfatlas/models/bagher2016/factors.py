@@ -12,7 +12,6 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import distance_transform_edt
 
 from brdfatlas.angles import (
@@ -26,6 +25,7 @@ from brdfatlas.angles import (
     theta_d_centres,
     theta_h_centres,
 )
+from brdfatlas.compiled import njit
 from brdfatlas.constants import MAX_ANGLE
 from brdfatlas.measured import Measured
 from brdfatlas.models.bagher2016.awls import (

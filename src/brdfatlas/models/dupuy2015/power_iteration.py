@@ -6,9 +6,9 @@ of the wrong angle, no azimuth integral) and diverges; this follows the equation
 """
 
 import numpy as np
-from numba import njit
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, phi_d_centres, theta_d_centres, theta_h_centres
+from brdfatlas.compiled import njit
 from brdfatlas.constants import LUMINANCE
 from brdfatlas.microfacet import (
     interpolate_ndf,

@@ -1,5 +1,6 @@
 """Non-negative factors of the BRDF times the cosine (Lawrence et al. 2004), a reconstruction."""
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -96,6 +97,15 @@ class Lawrence(Model):
                 "resolution": list(resolution),
             },
         )
+
+    def shape_fault(self, parameters: Parameters, options: Mapping[str, Any]) -> str:
+        n_h, n_p, n_o = parse_resolution(options["resolution"], self.name)
+        outer = parameters["f"].shape[2] if options["terms"] == "auto" else options["terms"]
+        columns = outer * options["inner_terms"]
+        for name, shape in {"f": (n_o, 3, outer), "u": (n_h, columns), "v": (n_p, columns)}.items():
+            if parameters[name].shape != shape:
+                return f"{name} has shape {parameters[name].shape}, not {shape}"
+        return ""
 
     def evaluate(self, parameters: Parameters, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         wi, wo = np.broadcast_arrays(np.asarray(wi, float), np.asarray(wo, float))

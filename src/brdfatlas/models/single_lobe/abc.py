@@ -42,6 +42,9 @@ class ABC(SingleLobeModel):
         Parameter("C", (1,), "fall-off of the lobe (published 0.02 .. 2.7)", "", 0.005, 100.0),
         Parameter("eta", (1,), "relative index of refraction (published 1.04 .. 100)", "", 1.005, 200.0),
     )
+    public_names: ClassVar[Mapping[str, tuple[str, float]]] = {"kd": ("Lambertian.albedo", 1.0)} | {
+        name: (f"LowMicrofacetFit.{name}", 1.0) for name in ("A", "B", "C", "eta")
+    }
     options: ClassVar[Mapping[str, Option]] = {"objective": objective_option("e2")}
     scale = "A"
     logarithmic: ClassVar[Mapping[str, float]] = {"B": 0.0, "C": 0.0, "eta": 1.0}

@@ -14,11 +14,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, half_difference
-from brdfatlas.constants import E2_ANGLE, OBJECTIVE_NAMES
+from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.microfacet import v_groove
 from brdfatlas.models.base import FitError, Model, Parameters, Result
-from brdfatlas.objectives import least_squares_weights
+from brdfatlas.objectives import e2_weights, least_squares_weights
 from brdfatlas.solvers.least_squares import (
     Moments,
     NoFiniteStartError,
@@ -152,20 +152,17 @@ class SingleLobeModel(Model):
 
     def _fit_e2(self, table: np.ndarray, seed: int) -> tuple[Solution, list[tuple[float, float]]]:
         """Löw's E2 has no linear parameters and takes a pass over the samples a step. So all starts are followed in its
-        linearisation about the material, a weighted sum of squares with w = (cos / (1 + rho cos))^2; the best end then
-        descends in E2, first on every tenth phi_d, then on all samples."""
-        theta_h, theta_d, _ = grid_axes()
-        keep = (theta_h <= E2_ANGLE) & (theta_d <= E2_ANGLE) & ~np.isnan(table[..., 0])
-        if not keep.any():
-            raise ValueError("no valid sample with theta_h and theta_d within 80 degrees")
+        linearisation about the material, a weighted sum of squares with w = share of the pairs (cos / (1 + rho cos))^2;
+        the best end then descends in E2, first on every tenth phi_d, then on all samples."""
+        share = e2_weights(~np.isnan(table[..., 0]))
         cosine = np.maximum(grid_cosines()[0], np.float32(0))
-        slope = np.where(keep, cosine, 0)[..., None] / (1 + np.nan_to_num(table) * cosine[..., None])
-        linearised = self._fit_squares(slope.astype(float) ** 2, table, seed)
+        slope = cosine[..., None] / (1 + np.nan_to_num(table) * cosine[..., None])
+        linearised = self._fit_squares(share[..., None] * slope.astype(float) ** 2, table, seed)
         start = np.concatenate([linearised.x, linearised.linear.ravel()])
         lower, upper = (np.concatenate([b, np.full(6, c)]) for b, c in zip(self.bounds(), (0.0, np.inf)))
-        thin = _E2(self, table, keep, slice(5, None, 10))
+        thin = _E2(self, table, share, slice(5, None, 10))
         rough = fit_nonlinear(thin, start, lower, upper, max_iterations=40, tolerance=1e-4)
-        full = _E2(self, table, keep, slice(None))
+        full = _E2(self, table, share, slice(None))
         candidates = np.array([rough.x, start])
         found = fit_nonlinear(full, candidates, lower, upper, follow=1, max_iterations=60, tolerance=1e-5)
         return found, linearised.starts
@@ -196,10 +193,10 @@ class _Squares:
 class _E2:
     """Löw's E2 on a part of phi_d, in (shape, then kd/pi and the scale of each channel)."""
 
-    def __init__(self, model: SingleLobeModel, table: np.ndarray, keep: np.ndarray, part: slice) -> None:
+    def __init__(self, model: SingleLobeModel, table: np.ndarray, weights: np.ndarray, part: slice) -> None:
         self.model = model
-        table, keep = np.ascontiguousarray(table[:, :, part]), np.ascontiguousarray(keep[:, :, part])
-        self.cells = LogCells(table, keep, grid_cosines()[0][:, :, part], [grid_factor()[:, :, part]])
+        table, weights = np.ascontiguousarray(table[:, :, part]), np.ascontiguousarray(weights[:, :, part])
+        self.cells = LogCells(table, weights, grid_cosines()[0][:, :, part], [grid_factor()[:, :, part]])
 
     def value(self, x: np.ndarray) -> float:
         return self.cells.value(self.model.columns(x[:-6], False)[0], x[-6:].reshape(3, 2))

@@ -5,11 +5,12 @@ Schlick's F of (wo·h) with a scalar f0, V-groove G.
 """
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from brdfatlas.angles import theta_d_centres, theta_h_centres
+from brdfatlas.formats.merl import SCALE
 from brdfatlas.microfacet import schlick, schlick_weight
 from brdfatlas.models.base import Function, Option, Paper, Parameter, Parameters, objective_option
 from brdfatlas.models.single_lobe.base import SingleLobeModel
@@ -40,6 +41,13 @@ class Ngan(SingleLobeModel):
         Parameter("f0", (1,), "Fresnel reflectance at normal incidence", "", 0.0, 1.0),
         Parameter("m", (1,), "root mean square slope", "", 3e-4, 10.0),
     )
+    #: their albedos belong to the stored numbers of MERL files, before the scale factors of the channels
+    public_names: ClassVar[Mapping[str, tuple[str, Any]]] = {
+        "kd": ("Lambertian.albedo", SCALE / SCALE[0]),
+        "ks": ("NganCookTorrance.albedo", SCALE / SCALE[0]),
+        "f0": ("NganCookTorrance.eta", 1.0),
+        "m": ("NganCookTorrance.roughness", 1.0),
+    }
     options: ClassVar[Mapping[str, Option]] = {"objective": objective_option("cosine")}
     scale = "ks"
     logarithmic: ClassVar[Mapping[str, float]] = {"m": 0.0}

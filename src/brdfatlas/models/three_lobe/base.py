@@ -18,10 +18,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, half_difference
-from brdfatlas.constants import E2_ANGLE, OBJECTIVE_NAMES
+from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result, objective_option
-from brdfatlas.objectives import compressive_weights, least_squares_weights
+from brdfatlas.objectives import compressive_weights, e2_weights, least_squares_weights
 from brdfatlas.sampling import Lobe, Mixture, mixture
 from brdfatlas.solvers.least_squares import (
     Moments,
@@ -116,8 +116,8 @@ class LobeModel(Model):
         """
         lower, upper = self.box("low"), self.box("high")
         try:
-            weights = _weights(measured.table, objective, np.deg2rad(max_angle), grazing)
-            problem = _LobeProblem(self, measured.table, weights)
+            weights = objective_weights(measured.table, objective, np.deg2rad(max_angle), grazing)
+            problem = LobeProblem(self, measured.table, weights)
             found = fit_separable(
                 problem,
                 latin_starts(starts, self.box("first"), self.box("last"), seed),
@@ -255,7 +255,7 @@ def grid_factors(model: type[LobeModel]) -> tuple[np.ndarray, ...]:
     return found
 
 
-class _LobeProblem:
+class LobeProblem:
     """A weighted sum of squares of a lobe model, by exact sums over phi_d; see ``solvers.least_squares``."""
 
     def __init__(self, model: LobeModel, table: np.ndarray, weights: np.ndarray) -> None:
@@ -272,9 +272,8 @@ class _LogProblem:
 
     def __init__(self, model: LobeModel, table: np.ndarray) -> None:
         self.model = model
-        theta_h, theta_d, _ = grid_axes()
-        keep = (theta_h <= E2_ANGLE) & (theta_d <= E2_ANGLE) & ~np.isnan(table[..., 0])
-        self.cells = LogCells(table, keep, grid_cosines()[0], grid_factors(type(model)))
+        weights = e2_weights(~np.isnan(table[..., 0]))
+        self.cells = LogCells(table, weights, grid_cosines()[0], grid_factors(type(model)))
 
     def value(self, x: np.ndarray) -> float:
         return self.cells.value(lobe_columns(self.model, x[:-6], False)[0], x[-6:].reshape(3, 2))
@@ -300,7 +299,7 @@ def lobe_columns(model: LobeModel, x: np.ndarray, derivatives: bool) -> np.ndarr
     return columns
 
 
-def _weights(table: np.ndarray, objective: str, max_angle: float, grazing: float) -> np.ndarray:
+def objective_weights(table: np.ndarray, objective: str, max_angle: float, grazing: float) -> np.ndarray:
     """Weights whose weighted sum of squares is the objective; E2 starts from the compressive metric's optimum."""
     if objective == "cosine":
         return least_squares_weights(table, "cosine")

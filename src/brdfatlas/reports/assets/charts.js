@@ -1,144 +1,223 @@
-// Small charts in SVG: scatter plots with a Pareto line, and curves. No library: three shapes are all we draw.
+// Charts in SVG, drawn at the size they are shown at, so that text is never scaled. No library: points, lines and dots
+// on two axes are all we draw. Each chart redraws itself when its room changes.
 "use strict";
 (() => {
   const NS = "http://www.w3.org/2000/svg";
-  // Okabe and Ito's colours, told apart by people of every colour vision; dashes tell equal colours apart.
-  const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9", "#8a8a8a"];
+  const FAMILIES = ["engine", "analytic", "tabulated", "factored", "ours"];
   const DASHES = ["", "6 3", "2 2.5", "9 3 2 3"];
-  const style = (i) => ({ colour: COLOURS[i % COLOURS.length], dash: DASHES[Math.floor(i / COLOURS.length) % DASHES.length] });
+  const SHADES = 8;
+  const style = (i) => ({ colour: `var(--c${i % SHADES})`, dash: DASHES[Math.floor(i / SHADES) % DASHES.length] });
+  const familyColour = (family) => `var(--f-${FAMILIES.includes(family) ? family : "analytic"})`;
   function el(name, attributes = {}, ...children) {
     const node = document.createElementNS(NS, name);
     for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
     node.append(...children);
     return node;
   }
+  const pen = document.createElement("canvas").getContext("2d");
+  const widthOf = (text, size = 12) => { pen.font = `${size}px ${getComputedStyle(document.body).fontFamily}`; return pen.measureText(text).width; };
+
+  // --- numbers and ticks ---------------------------------------------------------------------------------------------
+  const short = (v) => {
+    const s = Math.abs(v);
+    if (s >= 1e6) return `${+(v / 1e6).toPrecision(3)}M`;
+    if (s >= 1e3) return `${+(v / 1e3).toPrecision(3)}k`;
+    if (s && s < 1e-3) return v.toExponential(0).replace("e-", "e−");
+    return String(+v.toPrecision(3)).replace("-", "−");
+  };
   function linearTicks(low, high, wanted = 5) {
-    const raw = (high - low) / wanted || 1;
-    const size = 10 ** Math.floor(Math.log10(raw));
+    const raw = (high - low) / wanted || 1, size = 10 ** Math.floor(Math.log10(raw));
     const step = [1, 2, 5, 10].map((k) => k * size).find((s) => s >= raw);
     const ticks = [];
     for (let t = Math.ceil(low / step) * step; t <= high + step * 1e-9; t += step) ticks.push(Math.abs(t) < step * 1e-9 ? 0 : t);
     return ticks;
   }
   function logTicks(low, high) {
-    const ticks = [];
-    for (let e = Math.floor(Math.log10(low)); e <= Math.ceil(Math.log10(high)); e++) ticks.push(10 ** e);
+    const decades = Math.log10(high / low), factors = decades < 1.3 ? [1, 2, 3, 5] : decades < 3 ? [1, 3] : [1], ticks = [];
+    const every = Math.max(1, Math.ceil(decades / 7));
+    for (let e = Math.floor(Math.log10(low)); e <= Math.ceil(Math.log10(high)); e++) if (e % every === 0) for (const f of factors) ticks.push(f * 10 ** e);
     const inside = ticks.filter((t) => t >= low * 0.999 && t <= high * 1.001);
     return inside.length > 1 ? inside : linearTicks(low, high, 4).filter((t) => t > 0);
   }
-  function axes({ width, height, left, right, top, bottom, x, y, xlog, ylog, xlabel, ylabel, format, xformat, xticks }) {
-    const svg = el("svg", { viewBox: `0 0 ${width} ${height}`, role: "group" });
-    const sx = scale(x, [left, width - right], xlog), sy = scale(y, [height - bottom, top], ylog);
-    for (const t of ylog ? logTicks(...y) : linearTicks(...y)) {
-      svg.append(el("line", { class: "grid", x1: left, x2: width - right, y1: sy(t), y2: sy(t) }),
-        el("text", { x: left - 8, y: sy(t) + 4, "text-anchor": "end" }, format(t)));
-    }
-    for (const t of xticks || (xlog ? logTicks(...x) : linearTicks(...x))) {
-      svg.append(el("line", { class: "axis", x1: sx(t), x2: sx(t), y1: height - bottom, y2: height - bottom + 4 }),
-        el("text", { x: sx(t), y: height - bottom + 18, "text-anchor": "middle" }, xformat(t)));
-    }
-    svg.append(el("line", { class: "axis", x1: left, x2: width - right, y1: height - bottom, y2: height - bottom }),
-      el("text", { x: (left + width - right) / 2, y: height - 4, "text-anchor": "middle" }, xlabel),
-      el("text", { x: left - 8, y: 12, "text-anchor": "start", dx: -(left - 8) }, ylabel));
-    return { svg, sx, sy };
+  function scale([a, b], [p, q], kind) {
+    const f = kind === "log" ? Math.log : kind === "root" ? (v) => Math.sqrt(Math.max(v, 0)) : (v) => v;
+    const fa = f(a), fb = f(b);
+    return (v) => p + (q - p) * (f(v) - fa) / (fb - fa || 1);
   }
-  function scale([a, b], [p, q], log) {
-    if (log) { const la = Math.log(a), lb = Math.log(b); return (v) => p + (q - p) * (Math.log(v) - la) / (lb - la || 1); }
-    return (v) => p + (q - p) * (v - a) / (b - a || 1);
-  }
-  const short = (v) => {
-    const s = Math.abs(v);
-    if (s >= 1e6) return `${+(v / 1e6).toPrecision(3)}M`;
-    if (s >= 1e3) return `${+(v / 1e3).toPrecision(3)}k`;
-    return String(+v.toPrecision(3));
-  };
   function padded(values, log) {
     let low = Math.min(...values), high = Math.max(...values);
-    if (log) return [low / 1.5, high * 1.5];
+    if (log) return [low / 1.35, high * 1.35];
     const room = (high - low || Math.abs(high) || 1) * 0.08;
     return [low - room, high + room];
   }
-  // Names stand in a column beside the plot, so that none covers a point or another name: room for them, line height,
-  // and rising places at least that far apart, about the middle of the wanted ones where the frame allows it.
-  const NAMES = 232, GAP = 14;
-  function apart(wanted, top, bottom) {
-    const places = [];
-    for (const y of wanted) places.push(places.length ? Math.max(y, places.at(-1) + GAP) : y);
-    const shift = wanted.reduce((sum, y, i) => sum + y - places[i], 0) / (wanted.length || 1);
-    const inside = Math.max(top - (places[0] + shift), Math.min(0, bottom - (places.at(-1) + shift)));
-    return places.map((y) => y + shift + inside);
+
+  // --- frame ------------------------------------------------------------------------------------------------------------
+  // A chart is a function of its width; it is drawn again when that changes.
+  const drawn = new WeakMap();
+  const watcher = new ResizeObserver((entries) => {
+    for (const { target, contentRect } of entries) {
+      const chart = drawn.get(target);
+      if (chart && Math.abs(chart.width - contentRect.width) > 1) paint(target, chart.draw);
+    }
+  });
+  function paint(node, draw) {
+    const width = Math.max(280, Math.floor(node.clientWidth || 640));
+    drawn.set(node, { width: node.clientWidth, draw });
+    node.replaceChildren(draw(width));
+    watcher.observe(node);
   }
-  // points: {x, y, name, href, index, text}; front: names on the Pareto line, by rising x.
+  function frame({ width, height, x, y, xkind, ykind, xlabel, ylabel, xticks, yticks, label, left, bottom = 42, top = 24, right = 14 }) {
+    const svg = el("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "group", "aria-label": label });
+    const ys = yticks || (ykind === "log" ? logTicks(...y) : linearTicks(...y));
+    const edge = left ?? Math.ceil(Math.max(...ys.map((t) => widthOf(short(t))))) + 14;
+    const box = { left: edge, right: width - right, top, bottom: height - bottom };
+    const sx = scale(x, [box.left, box.right], xkind), sy = scale(y, [box.bottom, box.top], ykind);
+    for (const t of ys) svg.append(el("line", { class: "grid", x1: box.left, x2: box.right, y1: sy(t), y2: sy(t) }), el("text", { x: box.left - 8, y: sy(t) + 4, "text-anchor": "end" }, short(t)));
+    let last = -Infinity;
+    for (const t of xticks || (xkind === "log" ? logTicks(...x) : linearTicks(...x, Math.max(2, Math.floor(width / 110))))) {
+      const half = widthOf(short(t)) / 2;
+      svg.append(el("line", { class: "axis", x1: sx(t), x2: sx(t), y1: box.bottom, y2: box.bottom + 4 }));
+      if (sx(t) - half < last + 8 || sx(t) + half > width) continue;
+      last = sx(t) + half;
+      svg.append(el("text", { x: sx(t), y: box.bottom + 18, "text-anchor": "middle" }, short(t)));
+    }
+    svg.append(el("line", { class: "axis", x1: box.left, x2: box.right, y1: box.bottom, y2: box.bottom }),
+      el("text", { x: (box.left + box.right) / 2, y: height - 4, "text-anchor": "middle" }, xlabel), el("text", { x: 0, y: 12 }, ylabel));
+    return { svg, sx, sy, box };
+  }
+  function marker(family, x, y, r, attributes) {
+    const fill = familyColour(family), d = {
+      engine: `M${x - r} ${y - r}h${2 * r}v${2 * r}h${-2 * r}z`, tabulated: `M${x} ${y - 1.3 * r}L${x + 1.3 * r} ${y}L${x} ${y + 1.3 * r}L${x - 1.3 * r} ${y}z`,
+      factored: `M${x} ${y - 1.25 * r}L${x + 1.2 * r} ${y + r}H${x - 1.2 * r}z`, ours: `M${x} ${y + 1.25 * r}L${x + 1.2 * r} ${y - r}H${x - 1.2 * r}z`,
+    }[family];
+    return d ? el("path", { d, fill, ...attributes }) : el("circle", { cx: x, cy: y, r, fill, ...attributes });
+  }
+  const overlaps = (a, b) => a.x < b.x + b.w && b.x < a.x + a.w && a.y < b.y + b.h && b.y < a.y + a.h;
+  // A place for a label of width w beside (x, y): inside the box, clear of what is taken; null where there is none.
+  function placeLabel(x, y, w, box, taken) {
+    const h = 14;
+    for (const far of [0, 12, 24, 38, 54]) {
+      const spots = [[x + 9, y - h / 2], [x - 9 - w, y - h / 2], [x - w / 2, y - h - 7], [x - w / 2, y + 8], [x + 9, y - h - 5], [x + 9, y + 5], [x - 9 - w, y - h - 5], [x - 9 - w, y + 5]];
+      for (const [px, py] of spots.map(([a, b], i) => [a + (i % 2 ? -far / 2 : far / 2), b + ([2, 4, 6].includes(i) ? -far : [3, 5, 7].includes(i) ? far : 0)])) {
+        const spot = { x: px, y: py, w, h };
+        if (px >= box.left && px + w <= box.right && py >= box.top - 6 && py + h <= box.bottom && !taken.some((t) => overlaps(spot, t))) return spot;
+      }
+    }
+    return null;
+  }
+
+  // --- scatter with a Pareto front ---------------------------------------------------------------------------------------
+  // points: {x, y, name, title, family, href, text, faint}; front: names by rising x; the rest is named on hover and focus.
   function scatter(node, { points, front, xlabel, ylabel, label, ylog }) {
-    node.replaceChildren();
-    const good = points.filter((p) => Number.isFinite(p.x) && p.x > 0 && Number.isFinite(p.y));
+    const good = points.filter((p) => Number.isFinite(p.x) && p.x > 0 && Number.isFinite(p.y) && (!ylog || p.y > 0));
     if (!good.length) { node.textContent = "Nothing to draw: no finite numbers."; return; }
-    const width = 660, height = Math.max(380, GAP * good.length + 70);
-    const box = { width, height, left: 52, right: NAMES, top: 26, bottom: 40 };
-    const { svg, sx, sy } = axes({ ...box, x: padded(good.map((p) => p.x), true), y: padded(good.map((p) => p.y), ylog), xlog: true, ylog, xlabel, ylabel, format: short, xformat: short });
-    svg.setAttribute("aria-label", label);
-    const line = front.map((name) => good.find((p) => p.name === name)).filter(Boolean);
-    if (line.length > 1) svg.append(el("path", { class: "front", d: line.map((p, i) => (i ? `H${sx(p.x)}V${sy(p.y)}` : `M${sx(p.x)} ${sy(p.y)}`)).join("") }));
-    const order = [...good].sort((a, b) => sy(a.y) - sy(b.y)), beside = width - NAMES + 16;
-    const places = apart(order.map((p) => sy(p.y)), 16, height - box.bottom);
-    order.forEach((p, i) => {
-      const x = sx(p.x), y = sy(p.y), { colour } = style(p.index), on = front.includes(p.name);
-      const link = el("a", { href: p.href, "aria-label": p.text });
-      link.append(el("title", {}, p.text),
-        el("line", { x1: x, y1: y, x2: beside - 4, y2: places[i], stroke: colour, "stroke-width": 0.6, opacity: 0.7 }),
-        el("circle", { cx: x, cy: y, r: on ? 5.5 : 4, fill: on ? colour : "var(--bg)", stroke: colour, "stroke-width": 2 }),
-        el("text", { class: "name", x: beside, y: places[i] + 4, "font-weight": on ? 600 : 400 }, p.title));
-      svg.append(link);
+    paint(node, (width) => {
+      const height = Math.round(Math.min(Math.max(width * 0.55, 300), 480));
+      const { svg, sx, sy, box } = frame({ width, height, x: padded(good.map((p) => p.x), true), y: padded(good.map((p) => p.y), ylog), xkind: "log", ykind: ylog ? "log" : "", xlabel, ylabel, label });
+      const line = front.map((name) => good.find((p) => p.name === name)).filter(Boolean);
+      if (line.length > 1) svg.append(el("path", { class: "front", d: line.map((p, i) => (i ? `H${sx(p.x)}V${sy(p.y)}` : `M${sx(p.x)} ${sy(p.y)}`)).join("") }));
+      const taken = good.map((p) => ({ x: sx(p.x) - 6, y: sy(p.y) - 6, w: 12, h: 12 }));
+      const names = el("g", { "aria-hidden": "true" });
+      for (const p of line) {
+        const w = widthOf(p.title) + 2, spot = placeLabel(sx(p.x), sy(p.y), w, box, taken);
+        if (!spot) continue;
+        taken.push(spot);
+        names.append(el("text", { class: "name", x: spot.x, y: spot.y + 11 }, p.title));
+      }
+      svg.append(names);
+      const tip = el("g", { class: "tip", visibility: "hidden", "aria-hidden": "true" }, el("rect", { rx: 4 }), el("text", {}));
+      const show = (p) => {
+        const [rect, text] = tip.children;
+        text.textContent = p.text;
+        const w = Math.min(widthOf(p.text) + 16, width - 4), x = Math.min(Math.max(sx(p.x) - w / 2, 2), width - w - 2), y = sy(p.y) < 60 ? sy(p.y) + 14 : sy(p.y) - 36;
+        for (const [k, v] of Object.entries({ x, y, width: w, height: 24 })) rect.setAttribute(k, v);
+        text.setAttribute("x", x + 8); text.setAttribute("y", y + 16);
+        tip.setAttribute("visibility", "visible");
+      };
+      const hide = () => tip.setAttribute("visibility", "hidden");
+      for (const p of good) {
+        const on = front.includes(p.name), link = el("a", { href: p.href, "aria-label": p.text, "data-model": p.name });
+        link.append(el("circle", { cx: sx(p.x), cy: sy(p.y), r: 11, fill: "transparent" }), marker(p.family, sx(p.x), sy(p.y), on ? 5.5 : 4.5, { class: "point", opacity: on ? 1 : 0.6 }));
+        for (const [event, act] of [["mouseenter", () => show(p)], ["focus", () => show(p)], ["mouseleave", hide], ["blur", hide]]) link.addEventListener(event, act);
+        svg.append(link);
+      }
+      svg.append(tip);
+      return svg;
     });
-    node.append(svg);
   }
-  // series: {name, title, index, values}; floor: values of the noise floor in the same order, or null.
-  function curves(node, { series, count, ylabel, xlabel, label, ylog, floor, names }) {
-    node.replaceChildren();
-    const all = series.flatMap((s) => s.values).filter((v) => Number.isFinite(v) && (!ylog || v > 0));
+  function familyLegend(node, families) {
+    node.replaceChildren(...families.map((f) => {
+      const item = document.createElement("span");
+      item.append(el("svg", { width: 14, height: 12, viewBox: "0 0 14 12", "aria-hidden": "true" }, marker(f, 7, 6, 4.5, {})), f);
+      return item;
+    }));
+  }
+
+  // --- lines ---------------------------------------------------------------------------------------------------------------
+  // series: {name, title, index, values: [[x, y], ...]}; a gap where y is not a number. Hover and focus bring one forward.
+  function lines(node, { series, xlabel, ylabel, label, xkind = "", ykind = "", xticks, xrange, yrange, bands = [], height = 320 }) {
+    const usable = (v) => Number.isFinite(v) && (ykind !== "log" || v > 0);
+    const ys = series.flatMap((s) => s.values.map((v) => v[1])).filter(usable);
+    if (!ys.length) { node.textContent = "Nothing to draw: no finite numbers."; return; }
+    paint(node, (width) => {
+      const y = yrange || (ykind === "log" ? padded([Math.max(Math.min(...ys), Math.max(...ys) * 1e-7), Math.max(...ys)], true) : padded(ys, false));
+      const x = xrange || [Math.min(...series.map((s) => s.values[0][0])), Math.max(...series.map((s) => s.values.at(-1)[0]))];
+      const { svg, sx, sy, box } = frame({ width, height, x, y, xkind, ykind, xlabel, ylabel, xticks, label });
+      const clip = `clip-${Math.random().toString(36).slice(2)}`;
+      svg.append(el("clipPath", { id: clip }, el("rect", { x: box.left, y: box.top - 2, width: box.right - box.left, height: box.bottom - box.top + 2 })));
+      for (const [low, high] of bands) svg.append(el("rect", { class: "noise", x: box.left, width: box.right - box.left, y: sy(high), height: Math.max(2, sy(low) - sy(high)) }));
+      const g = el("g", { "clip-path": `url(#${clip})` });
+      for (const s of series) {
+        const { colour, dash } = style(s.index);
+        let d = "", open = false;
+        for (const [a, b] of s.values) { if (usable(b)) { d += `${open ? "L" : "M"}${sx(a).toFixed(1)} ${sy(b).toFixed(1)}`; open = true; } else open = false; }
+        const path = el("path", { class: s.strong ? "line strong" : "line", d, stroke: s.strong ? "var(--ink)" : colour, "stroke-dasharray": s.strong ? "" : dash, "data-model": s.name }, el("title", {}, s.title));
+        path.addEventListener("mouseenter", () => { node.classList.add("dim"); path.classList.add("on"); });
+        path.addEventListener("mouseleave", () => { node.classList.remove("dim"); path.classList.remove("on"); });
+        g.append(path);
+      }
+      svg.append(g);
+      return svg;
+    });
+  }
+  // --- dots: a row a model, a dot a material -----------------------------------------------------------------------------
+  // rows: {name, title, family, href, dots: [{x, text, href}], middle}
+  function dots(node, { rows, xlabel, label, xlog }) {
+    const all = rows.flatMap((r) => r.dots.map((d) => d.x)).filter((v) => Number.isFinite(v) && (!xlog || v > 0));
     if (!all.length) { node.textContent = "Nothing to draw: no finite numbers."; return; }
-    const width = 1280, height = 430;
-    const box = { width, height, left: 52, right: NAMES, top: 26, bottom: 40 };
-    const floors = (floor || []).filter((v) => Number.isFinite(v) && (!ylog || v > 0));
-    const y = padded(all.concat(floors.length ? [Math.max(...floors), Math.min(...floors)] : []), ylog);
-    const step = Math.max(1, Math.ceil(count / 12));
-    const xticks = [...Array(count).keys()].filter((i) => i % step === 0);
-    const { svg, sx, sy } = axes({ ...box, x: [0, Math.max(1, count - 1)], y, ylog, xlabel, ylabel, format: short, xticks, xformat: (t) => String(t + 1) });
-    svg.setAttribute("aria-label", label);
-    if (floors.length) {
-      const top = Math.min(...floors), bottom = Math.max(...floors);
-      svg.append(el("rect", { class: "floor", x: box.left, width: width - box.left - box.right, y: Math.min(sy(top), sy(bottom)), height: Math.max(1.5, Math.abs(sy(top) - sy(bottom))) }));
-    }
-    const ends = [];
-    for (const s of series) {
-      const { colour, dash } = style(s.index);
-      let d = "", pen = false, last = null;
-      s.values.forEach((v, i) => {
-        if (!Number.isFinite(v) || (ylog && v <= 0)) { pen = false; return; }
-        d += `${pen ? "L" : "M"}${sx(i).toFixed(1)} ${sy(v).toFixed(1)}`;
-        pen = true; last = [sx(i), sy(v)];
+    paint(node, (width) => {
+      const left = Math.min(Math.max(...rows.map((r) => widthOf(r.title))) + 14, width * 0.45), step = 20, height = rows.length * step + 66;
+      const { svg, sx, box } = frame({ width, height, x: padded(all, xlog), y: [0, 1], xkind: xlog ? "log" : "", yticks: [], xlabel, ylabel: "", label, left });
+      rows.forEach((r, i) => {
+        const y = box.top + step * (i + 0.5);
+        const link = el("a", { href: r.href }, el("text", { class: "name", x: 0, y: y + 4 }, fit(r.title, left - 12)));
+        svg.append(el("line", { class: "grid", x1: box.left, x2: box.right, y1: y, y2: y }), link);
+        for (const d of r.dots) if (Number.isFinite(d.x) && (!xlog || d.x > 0)) svg.append(el("a", { href: d.href, "aria-label": d.text }, marker(r.family, sx(d.x), y, 4, { class: "point", opacity: 0.75 }, ), el("title", {}, d.text)));
+        if (Number.isFinite(r.middle)) svg.append(el("line", { class: "median", x1: sx(r.middle), x2: sx(r.middle), y1: y - 7, y2: y + 7 }));
       });
-      if (!last) continue;
-      const path = el("path", { class: "line", d, stroke: colour, "stroke-dasharray": dash, "data-model": s.name });
-      path.append(el("title", {}, s.title));
-      svg.append(path);
-      if (count === 1) svg.append(el("circle", { cx: last[0], cy: last[1], r: 4, fill: colour }));
-      ends.push({ s, colour, x: last[0], y: last[1] });
-    }
-    ends.sort((a, b) => a.y - b.y);
-    const places = apart(ends.map((e) => e.y), 10, Infinity);
-    ends.forEach((e, i) => {
-      svg.append(el("line", { x1: e.x + 2, y1: e.y, x2: width - box.right + 14, y2: places[i], stroke: e.colour, "stroke-width": 0.75 }),
-        el("text", { class: "name", x: width - box.right + 18, y: places[i] + 4, "data-model": e.s.name }, e.s.title));
+      return svg;
     });
-    if (places.at(-1) > height) svg.setAttribute("viewBox", `0 0 ${width} ${places.at(-1) + 8}`);
-    const lit = (name) => {
-      node.classList.toggle("dim", Boolean(name));
-      svg.querySelectorAll(".line").forEach((p) => p.classList.toggle("on", p.dataset.model === name));
-    };
-    svg.addEventListener("pointerover", (e) => lit(e.target.dataset ? e.target.dataset.model : ""));
-    svg.addEventListener("pointerleave", () => lit(""));
-    node.append(svg);
   }
-  window.AtlasCharts = { scatter, curves, style, el, short };
+  function fit(text, room) {
+    if (widthOf(text) <= room) return text;
+    let n = text.length;
+    while (n > 3 && widthOf(`${text.slice(0, n)}…`) > room) n--;
+    return `${text.slice(0, n)}…`;
+  }
+  // A legend of buttons that switch series on and off; `off` is a set of names.
+  function legend(node, models, off, changed) {
+    node.replaceChildren(...models.map(({ name, title, index }) => {
+      const { colour, dash } = style(index), button = document.createElement("button");
+      button.type = "button"; button.dataset.model = name;
+      button.setAttribute("aria-pressed", String(!off.has(name)));
+      button.append(el("svg", { viewBox: "0 0 22 8", width: 22, height: 8, "aria-hidden": "true" }, el("line", { x1: 0, x2: 22, y1: 4, y2: 4, stroke: colour, "stroke-width": 2.5, "stroke-dasharray": dash })), title);
+      button.addEventListener("click", () => {
+        if (off.has(name)) off.delete(name); else off.add(name);
+        button.setAttribute("aria-pressed", String(!off.has(name)));
+        changed();
+      });
+      return button;
+    }));
+  }
+  window.AtlasCharts = { scatter, lines, dots, legend, familyLegend, style, el, short, FAMILIES, padded };
 })();

@@ -1,0 +1,62 @@
+"""A fit as a Mitsuba 3 material: a stock plugin where one is exactly the model, else ours with the fit beside it."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from brdfatlas.export.facts import facts
+from brdfatlas.files import write_text
+from brdfatlas.fits import Fit
+
+#: Stock plugins and what their numbers mean.
+ROUGHNESS = {
+    "diffuse": "none: the material is Lambertian",
+    "principled": "`roughness` is perceptual; the plugin's alpha is max(0.001, roughness^2)",
+    "brdfatlas": "as the fit stores it, see its parameters",
+}
+
+
+def mitsuba_dict(fit: Fit, filename: str | os.PathLike = "") -> dict[str, Any]:
+    """The material for ``mitsuba.load_dict``: stock where the model's hook knows one, else ``{"type": "brdfatlas",
+    "filename": filename}``, which needs the saved fit and ``brdfatlas.rendering.register()``."""
+    stock = fit.instance.material(fit.parameters, "mitsuba")
+    return dict(stock) if stock else {"type": "brdfatlas", "filename": os.fspath(filename)}
+
+
+def export_mitsuba(fit: Fit, path: str | os.PathLike, more: Mapping[str, Any] | None = None) -> list[Path]:
+    """Write a scene file with the material alone, id ``material``: include it and refer to the id, or load it.
+
+    A fit that no stock plugin can hold is saved beside it as .npz. Returns the files written.
+    """
+    path = Path(path)
+    beside = path.with_suffix(".npz")
+    material = mitsuba_dict(fit, beside.name)
+    told = facts(fit, more) | {"roughness": ROUGHNESS[material["type"]]}
+    scene = ElementTree.Element("scene", version="3.0.0")
+    for key, value in told.items():  # "--" may not stand in an XML comment
+        scene.append(ElementTree.Comment(f" {key}: {value.replace('--', '- -')} "))
+    scene.append(_element("bsdf", material, id="material"))
+    ElementTree.indent(scene)
+    files = [path]
+    if material["type"] == "brdfatlas":
+        scene.insert(0, ElementTree.Comment(" needs the plugin: brdfatlas.rendering.register() before loading "))
+        fit.save(beside)
+        files.append(beside)
+    write_text(path, ElementTree.tostring(scene, encoding="unicode") + "\n")
+    return files
+
+
+def _element(tag: str, plugin: Mapping[str, Any], **attributes: str) -> ElementTree.Element:
+    element = ElementTree.Element(tag, type=plugin["type"], **attributes)
+    for name, value in plugin.items():
+        if name == "type":
+            continue
+        if isinstance(value, Mapping):  # {"type": "rgb", "value": [...]}
+            text = ", ".join(map(repr, value["value"]))
+            ElementTree.SubElement(element, "rgb", name=name, value=text)
+        else:
+            kind = "float" if isinstance(value, float) else "string"
+            ElementTree.SubElement(element, kind, name=name, value=str(value))
+    return element

@@ -1,0 +1,100 @@
+"""The curves of a material as numbers: named functions of the fits and lobes in the plane of incidence. Its page draws
+them from a script, its PDF from :func:`plot_curves`."""
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import pyplot
+
+from brdfatlas.constants import LUMINANCE
+from brdfatlas.figures import style
+from brdfatlas.figures.lobes import INCIDENCE, lobe, outgoing_angles
+from brdfatlas.measured import extend
+from brdfatlas.models.base import Function
+
+#: What the page draws, by symbol: title, unit, whether on a logarithmic scale.
+SHOWN = {"F": ("Fresnel F", "", False), "D": ("Normal distribution D", "1/sr", True), "G1": ("Shadowing G1", "", False)}
+SHOWN |= {"G": ("Shadowing G", "", False)}
+AXES = {"theta_h": "θh", "theta_d": "θd", "theta": "θ", "phi_d": "φd"}
+
+
+def luminance_of(values: np.ndarray) -> np.ndarray:
+    """(n,) of (n,) or (n, 3)."""
+    values = np.asarray(values, float)
+    return values @ LUMINANCE if values.ndim == 2 else values
+
+
+def round_values(values: np.ndarray, digits: int = 4) -> list[float | None]:
+    """For a script: significant digits, None where there is no number."""
+    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in np.ravel(values)]
+
+
+def function_curves(functions: Mapping[str, Sequence[Function]]) -> list[dict[str, Any]]:
+    """One chart a symbol and axis: {title, axis, unit, log, models: {name: {x (degrees), y}}}; the sums over several
+    functions of one symbol are not drawn, the first stands for them."""
+    charts: dict[tuple[str, str], dict[str, Any]] = {}
+    for symbol in SHOWN:
+        for name, found in functions.items():
+            for function in found:
+                if function.symbol != symbol:
+                    continue
+                title, unit, log = SHOWN[symbol]
+                about = {"title": title, "axis": AXES[function.axis], "unit": unit, "log": log, "models": {}}
+                chart = charts.setdefault((symbol, function.axis), about)
+                curve = {
+                    "x": round_values(np.rad2deg(function.angle)),
+                    "y": round_values(luminance_of(function.values)),
+                }
+                chart["models"].setdefault(name, curve)
+    return list(charts.values())
+
+
+def lobe_curves(
+    reference: np.ndarray, valid: np.ndarray, tables: Mapping[str, np.ndarray], incidence: Sequence[float] = INCIDENCE
+) -> dict[str, Any]:
+    """{incidence (degrees), x (outgoing angles a lobe, degrees), reference and models: luminances (1/sr) a lobe}."""
+    angles = [np.deg2rad(a) for a in incidence]
+    outgoing = [outgoing_angles(a) for a in angles]
+
+    def lobes(table: np.ndarray) -> list[list[float | None]]:
+        filled = extend(np.nan_to_num(table), valid)
+        return [round_values(lobe(filled, a, o) ** 3, 3) for a, o in zip(angles, outgoing, strict=True)]
+
+    return {
+        "incidence": list(incidence),
+        "x": [round_values(np.rad2deg(o)) for o in outgoing],
+        "reference": lobes(reference),
+        "models": {name: lobes(table) for name, table in tables.items()},
+    }
+
+
+def plot_curves(charts: Sequence[Mapping[str, Any]], titles: Mapping[str, str], path: str | os.PathLike) -> bool:
+    """All charts of :func:`function_curves` side by side, every model a line, one legend below. Returns False, and
+    writes nothing, without a chart."""
+    if not charts:
+        return False
+    names = list(dict.fromkeys(name for chart in charts for name in chart["models"]))
+    place = {name: i for i, name in enumerate(names)}
+    with style.paper():
+        figure, axes = pyplot.subplots(
+            1, len(charts), figsize=(style.PAGE, 2.3 + 0.16 * -(-len(names) // 3)), layout="constrained", squeeze=False
+        )
+        for axis, chart in zip(axes[0], charts):
+            for name, curve in chart["models"].items():
+                y = np.array([np.nan if v is None else v for v in curve["y"]])
+                axis.plot(curve["x"], y, linewidth=1.0, label=titles.get(name, name), **style.line_of(place[name]))
+            axis.set(xlabel=f"{chart['axis']} (degrees)", title=chart["title"], xlim=(0, 90))
+            axis.set_xticks([0, 30, 60, 90])
+            if chart["axis"] == AXES["theta_h"]:
+                style.root_axis(axis)
+            if chart["log"]:
+                top = max(v for curve in chart["models"].values() for v in curve["y"] if v)
+                axis.set(yscale="log", ylim=(top * 1e-6, top * 2))
+            else:
+                axis.set_ylim(bottom=0)
+        lines = {line.get_label(): line for axis in axes[0] for line in axis.get_lines()}
+        figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=3)
+        style.save(figure, path)
+    return True

@@ -1,0 +1,228 @@
+"""Tables of one's own, ``.csv``: a row a pair of directions.
+
+Columns theta_i, phi_i, theta_o, phi_o in degrees, or wi_x, wi_y, wi_z, wo_x, wo_y, wo_z; then r, g, b or one value.
+Separated by commas, semicolons, tabs or spaces. Lines before the names of the columns that begin with ``#`` say what
+the values are and where they come from: ``# values: f`` (1/sr), ``# values: f cos`` (times cos theta_o) or ``#
+values: reflectance factor`` (pi f); ``# angles: radians``; ``# source:``, ``# instrument:``, ``# note:`` as they are.
+"""
+
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from brdfatlas.files import atomic_path
+from brdfatlas.formats.files import check_values, read_text
+from brdfatlas.formats.scattered import Samples, checked, on_sphere, to_measured
+from brdfatlas.measured import KINDS, MEASURED, Measured, MeasuredError
+
+TITLE = "table (CSV)"
+ENDINGS = (".csv", ".tsv")
+MOST_BYTES = 1 << 28
+ANGLES = ("theta_i", "phi_i", "theta_o", "phi_o")
+VECTORS = ("wi_x", "wi_y", "wi_z", "wo_x", "wo_y", "wo_z")
+COLOURS = ("r", "g", "b")
+#: What values may be: f, f cos(theta_o), pi f.
+QUANTITIES = F, F_COS, FACTOR = "f", "f cos", "reflectance factor"
+#: Other names of columns, letters only.
+ALIASES = {
+    **{name.replace("_", ""): name for name in (*ANGLES, *VECTORS)},
+    **{f"{angle}{letter}": f"{angle}_o" for angle in ("theta", "phi") for letter in "rsv"},
+    **{prefix + letter: letter for prefix in ("", "f", "rho") for letter in COLOURS},
+    **dict(zip(("red", "green", "blue"), COLOURS)),
+}
+SINGLE = {
+    **dict.fromkeys(("value", "f", "brdf", "luminance", "y"), ""),
+    **dict.fromkeys(("fcos", "fcostheta", "fcosthetao", "brdfcos"), F_COS),
+    **dict.fromkeys(("reflectancefactor", "rf", "pif"), FACTOR),
+}
+
+
+@dataclass
+class _Header:
+    """What a table says of itself, and where its rows begin."""
+
+    said: dict[str, str] = field(default_factory=dict)
+    columns: list[str] = field(default_factory=list)
+    separator: str | None = ","
+    quantity: str = ""
+    radians: bool = False
+    line: int = 0
+
+
+def recognises(head: bytes) -> bool:
+    """Text whose first line that is no comment names the directions' columns."""
+    if b"\0" in head:
+        return False
+    for line in head.decode("utf-8-sig", "replace").splitlines():
+        if line.strip() and not line.lstrip().startswith("#"):
+            names = {ALIASES.get(_letters(name)) for name in re.split(r"[,;\t ]+", line)}
+            return len(names & {*ANGLES, *VECTORS}) >= 2
+    return False
+
+
+def _letters(name: str) -> str:
+    name = re.sub(r"[\[(].*?[\])]", "", name.strip().strip('"').lower())
+    return re.sub(r"[^a-z]", "", re.sub(r"_?(deg|rad|degrees|radians)$", "", name.strip()))
+
+
+def quantity_of(text: str) -> str | None:
+    """Which of QUANTITIES a person's words mean; None if none."""
+    letters = re.sub(r"[^a-zπ]", "", text.lower().replace("\\", ""))
+    if "reflectancefactor" in letters or "radiancefactor" in letters or letters in ("rf", "pif", "πf", "pibrdf"):
+        return FACTOR
+    if "cos" in letters:
+        return F_COS
+    return F if letters.startswith(("f", "brdf")) or letters in ("sr", "persr", "invsr") else None
+
+
+def _header(path: Path, lines: list[str]) -> _Header:
+    header = _Header()
+    for number, line in enumerate(lines, 1):
+        text = line.strip()
+        if not text:
+            continue
+        if not text.startswith("#"):
+            header.line = number
+            break
+        _comment(path, number, text.lstrip("# \t"), header)
+    else:
+        raise MeasuredError(f"{path}: no line with the names of the columns; {_wanted()}")
+    names = lines[header.line - 1]
+    header.separator = next((s for s in ";,\t" if s in names), None)
+    raw = [name.strip() for name in names.split(header.separator)]
+    header.columns = [ALIASES.get(_letters(name), _letters(name)) for name in raw]
+    header.radians |= any(re.search(r"rad(ians)?\b", name.lower().replace("_", " ")) for name in raw)
+    for column in header.columns:
+        header.quantity = header.quantity or SINGLE.get(column, "")
+    return header
+
+
+def _comment(path: Path, number: int, text: str, header: _Header) -> None:
+    key, colon, value = (part.strip() for part in text.partition(":"))
+    key = key.lower()
+    if colon and key in ("values", "value", "quantity"):
+        header.quantity = quantity_of(value) or ""
+        if not header.quantity:
+            raise MeasuredError(f"{path}: line {number}: values: {value[:40]!r}; write one of: {', '.join(QUANTITIES)}")
+    elif colon and key in ("angles", "unit", "units", "angle") and re.search("deg|rad", value.lower()):
+        header.radians = "rad" in value.lower()
+    elif colon and key in ("source", "instrument", "note"):
+        header.said[key] = "".join(c if c.isprintable() else " " for c in value)[:500]
+    elif colon and key == "kind" and value in KINDS:
+        header.said[key] = value
+    elif not header.quantity and re.search(r"reflectance factor|cos\W*theta|f\W*cos", text.lower()):
+        header.quantity = quantity_of(text) or ""
+    elif "radians" in text.lower():
+        header.radians = True
+
+
+def _wanted() -> str:
+    return f"columns {', '.join(ANGLES)} (degrees) or {', '.join(VECTORS)}, then r, g, b or one value, are wanted"
+
+
+def _columns(path: Path, header: _Header) -> tuple[list[int], list[int]]:
+    """Places of the directions' columns and of the values'."""
+    known = header.columns
+    doubled = next((name for name in (*ANGLES, *VECTORS, *COLOURS) if known.count(name) > 1), None)
+    if doubled:
+        raise MeasuredError(f"{path}: line {header.line}: column {doubled} is there twice; rename one")
+    wanted = VECTORS if sum(name in known for name in VECTORS) > sum(name in known for name in ANGLES) else ANGLES
+    missing = [name for name in wanted if name not in known]
+    if missing:
+        raise MeasuredError(f"{path}: line {header.line}: no column {', '.join(missing)}; {_wanted()}")
+    values = [name for name in COLOURS if name in known]
+    if len(values) not in (0, 3):
+        raise MeasuredError(f"{path}: line {header.line}: of r, g, b only {', '.join(values)}; {_wanted()}")
+    values = values or [name for name in known if name in SINGLE][:1]
+    if not values:
+        raise MeasuredError(f"{path}: line {header.line}: no column of values; {_wanted()}")
+    return [known.index(name) for name in wanted], [known.index(name) for name in values]
+
+
+def _rows(path: Path, lines: list[str], header: _Header) -> tuple[np.ndarray, np.ndarray]:
+    """Every row as numbers (n, columns), and its line (n)."""
+    rows, places = [], []
+    for number, line in enumerate(lines[header.line :], header.line + 1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            cells = line.split(header.separator)
+            if len(cells) != len(header.columns):
+                raise MeasuredError(
+                    f"{path}: line {number}: {len(cells)} cells, the names of the columns are {len(header.columns)}"
+                )
+            rows.append(cells)
+            places.append(number)
+    if not rows:
+        raise MeasuredError(f"{path}: no row after the names of the columns")
+    try:
+        return np.array(rows, float), np.array(places)
+    except ValueError:
+        for cells, number in zip(rows, places):
+            for cell in cells:
+                try:
+                    float(cell)
+                except ValueError:
+                    hint = "; write decimals with a point" if re.fullmatch(r"\s*-?\d+,\d+\s*", cell) else ""
+                    raise MeasuredError(f"{path}: line {number}: {cell.strip()[:30]!r} is not a number{hint}") from None
+        raise
+
+
+def _load(path: str | os.PathLike) -> tuple[Samples, dict[str, str], tuple[str, ...]]:
+    path = Path(path)
+    lines = read_text(path, MOST_BYTES).splitlines()
+    header = _header(path, lines)
+    directions, channels = _columns(path, header)
+    rows, places = _rows(path, lines, header)
+    used = rows[:, directions + channels]
+    if not np.isfinite(used).all():
+        at = int(np.flatnonzero(~np.isfinite(used).all(1))[0])
+        raise MeasuredError(f"{path}: line {places[at]}: NaN or Inf; remove the row or correct it")
+    unit = "vectors" if len(directions) == 6 else "radians" if header.radians else "degrees"
+    wi, wo, keep, warnings = on_sphere(path, rows[:, directions], places, unit)
+    values = rows[np.ix_(keep, channels)]
+    if header.quantity == F_COS:
+        values = values / wo[:, 2:]
+    elif header.quantity == FACTOR:
+        values = values / np.pi
+    elif not header.quantity:
+        warnings = (*warnings, "the file does not say what its values are; taken for f in 1/sr (# values: ...)")
+    check_values(path, values)
+    values = np.repeat(values, 3, 1) if len(channels) == 1 else values
+    return Samples(wi, wo, values, places[keep]), header.said, warnings
+
+
+def check(path: str | os.PathLike) -> None:
+    """MeasuredError (one line: file, line, fault and remedy) if :func:`read` would refuse the file."""
+    checked(path, _load(path)[0])
+
+
+def read(path: str | os.PathLike) -> Measured:
+    """The table on the MERL grid, interpolated between its samples. Raises MeasuredError, one line."""
+    samples, said, warnings = _load(path)
+    return to_measured(path, samples, format=TITLE, warnings=warnings, **said)
+
+
+def regular_directions(step: float = 10.0) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of a regular table: theta_i and theta_o every ``step`` degrees from 0 to below 90, azimuths from 0 to 180;
+    two arrays (n, 3)."""
+    theta = np.deg2rad(np.arange(0.0, 90.0 - 1e-9, step))
+    phi = np.deg2rad(np.linspace(0.0, 180.0, max(2, round(180 / step) + 1)))
+    i, o, p = (a.ravel() for a in np.meshgrid(theta, theta, phi, indexing="ij"))
+    wi = np.stack([np.sin(i), 0 * i, np.cos(i)], -1)
+    return wi, np.stack([np.sin(o) * np.cos(p), np.sin(o) * np.sin(p), np.cos(o)], -1)
+
+
+def write_csv(path: str | os.PathLike, wi: np.ndarray, wo: np.ndarray, values: np.ndarray, kind: str, about: str):
+    """Write f (n, 3) in 1/sr at pairs of unit vectors (n, 3) as a table that :func:`read` takes; rows of NaN are left
+    out. ``kind``: of measured.KINDS; ``about``: a line of text. Whole or not at all."""
+    angles = []
+    for w in (wi, wo):
+        angles += [np.arctan2(np.hypot(w[:, 0], w[:, 1]), w[:, 2]), np.arctan2(w[:, 1], w[:, 0])]
+    rows = np.concatenate([np.rad2deg(np.stack(angles, -1)), values], -1)
+    rows = rows[np.isfinite(rows).all(1)]
+    marked = f"# kind: {kind}\n" if kind != MEASURED else ""
+    head = f"# values: f\n# angles: degrees\n{marked}# note: {' '.join(about.split())}\n{','.join((*ANGLES, *COLOURS))}"
+    with atomic_path(path) as temporary:
+        np.savetxt(temporary, rows, "%.9g", ",", header=head, comments="", encoding="utf-8")

@@ -1,0 +1,81 @@
+"""Two GGX lobes of one colour over a Lambertian base: a sharp highlight with a wide foot."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from brdfatlas.angles import theta_d_centres
+from brdfatlas.compiled import njit
+from brdfatlas.microfacet import schlick
+from brdfatlas.models.base import Parameter
+from brdfatlas.models.engine.base import (
+    EngineModel,
+    Grid,
+    Space,
+    fifth,
+    ggx,
+    microfacet_functions,
+    visible_correlated,
+)
+from brdfatlas.models.engine.ggx_diffuse import F0, KD, WALTER2007, GgxDiffuse
+from brdfatlas.sampling import Diffuse, GgxLobe, Mixture
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ggx2_diffuse(p, samples, out):
+    """p = kd rgb, F0 rgb, alpha of both lobes, weight of the second."""
+    first, second, share = p[6], p[7], p[8]
+    for n in range(samples.shape[0]):
+        cos_i, cos_o, sin2_h, cos_d = samples[n]
+        lobe = (1 - share) * ggx(sin2_h, first) * visible_correlated(cos_i, cos_o, first)
+        lobe += share * ggx(sin2_h, second) * visible_correlated(cos_i, cos_o, second)
+        grazing = fifth(cos_d)
+        for c in range(3):
+            out[n, c] = p[c] / np.pi + lobe * (p[3 + c] + (1 - p[3 + c]) * grazing)
+
+
+class Ggx2Diffuse(EngineModel):
+    """Nine numbers. Where one lobe is enough the weight is 0: never a worse fit than ``ggx_diffuse``."""
+
+    name = "ggx2_diffuse"
+    title = "GGX, 2 lobes, and diffuse"
+    paper = WALTER2007
+    equations = "as ggx_diffuse, for two lobes whose weights sum to 1"
+    formula = (
+        "rho = kd/pi + F ((1 - w) D1 G1 + w D2 G2) / (4 cos theta_i cos theta_o); "
+        "D, F, G as ggx_diffuse, one F0 for both"
+    )
+    parameters = (
+        KD,
+        F0,
+        Parameter("alpha", (2,), "widths of the lobes, squares of an artist's roughness", "", 1e-3, 1.0),
+        Parameter("weight", (1,), "share of the second lobe", "", 0.0, 1.0),
+    )
+    kernel = ggx2_diffuse
+    logarithmic = ("alpha",)
+    start_ranges: ClassVar[Mapping[str, tuple[float, float]]] = {"alpha": (2e-3, 0.8), "weight": (0.05, 0.95)}
+    follow = (8, 4)
+
+    def _descend(self, space, grid: Grid, starts):
+        """Starts also where one lobe fits best, with a second one beside it that weighs nothing yet."""
+        single = GgxDiffuse()
+        alone = Space(single, {})
+        lower, upper = alone.bounds()
+        one_lobe = [np.append(x[:6], x[6]) for x in starts]
+        found, _ = single._descend(alone, grid, np.clip(one_lobe, lower, upper))
+        beside = [
+            np.concatenate([found.x[:7], [np.clip(found.x[6] + np.log(factor), lower[6], upper[6]), 0.0]])
+            for factor in (0.2, 0.5, 2.0, 5.0)
+        ]
+        return super()._descend(space, grid, np.concatenate([beside, starts]))
+
+    def sampler(self, parameters):
+        specular = float(np.sum(parameters["F0"] + (1 - parameters["F0"]) / 21))
+        share = float(parameters["weight"][0])
+        weights = np.array([float(np.sum(parameters["kd"])), specular * (1 - share), specular * share])
+        return Mixture([Diffuse(), *(GgxLobe(float(a)) for a in parameters["alpha"])], weights / weights.sum())
+
+    def functions(self, parameters):
+        f = schlick(np.cos(theta_d_centres())[:, None], np.asarray(parameters["F0"], float))
+        return microfacet_functions({" 1": float(parameters["alpha"][0]), " 2": float(parameters["alpha"][1])}, f)

@@ -1,0 +1,265 @@
+"""Arguments, help, interrupts and pipes; and directions that are none."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import brdfatlas
+from brdfatlas.cli import main, parser
+from brdfatlas.measures.tsv import read_tsv, write_tsv
+
+RENDER = ["render", "measured.binary", "-o", "out.exr"]
+FIT = ["fit", "ggx", "measured.binary", "-o", "out.npz"]
+ERRORS = ["image-errors", "picture.exr", "picture.exr"]
+BEYOND = ("-1", "4294967296", "1e3", "1.5", "", "ten", "9" * 500, "0x10", "nan")
+BAD_NUMBERS = [(FIT, "--seed", text) for text in BEYOND] + [(RENDER, "--seed", text) for text in BEYOND]
+BAD_NUMBERS += [(RENDER, "--size", text) for text in ("0", "-8", "4097", "100000", "1e2", "big")]
+BAD_NUMBERS += [(RENDER, "--spp", text) for text in ("0", "-1", "1000000000000", "1e30", "inf")]
+BAD_NUMBERS += [(ERRORS, key, text) for key in ("--gamma", "--exposure") for text in ("0", "-1", "nan", "inf", "x")]
+
+
+@pytest.mark.parametrize(("command", "key", "text"), BAD_NUMBERS)
+def test_a_number_out_of_range(refused, command, key, text):
+    refused([*command, f"{key}={text}"], key, "is not a", status=2)
+
+
+BAD_LINES = {
+    "no command": [],
+    "an unknown command": ["fti", "ggx"],
+    "no file": ["info"],
+    "an unknown option": ["info", "a.binary", "--jsn"],
+    "no output": ["fit", "ggx", "a.binary"],
+    "an output without a name": ["fit", "ggx", "a.binary", "-o"],
+    "a line break in a command": ["fit\nggx"],
+    "an escape in an option": ["info", "a.binary", "--\x1b[31m"],
+    "another integrator": ["render", "a.binary", "-o", "a.exr", "--integrator", "volume"],
+}
+
+
+@pytest.mark.parametrize("what", BAD_LINES)
+def test_a_wrong_command_line_is_one_line(refused, what):
+    refused(BAD_LINES[what], "--help", status=2)
+
+
+BAD_OPTIONS = [
+    "colour=1",
+    "colour",
+    "=1",
+    "",
+    "start=",
+    "start=[1, 2]",
+    "start={}",
+    "start=null",
+    "start=NaN",
+    "a\nb=1",
+]
+
+
+@pytest.mark.parametrize("option", BAD_OPTIONS)
+def test_an_option_of_a_model(refused, linked, option):
+    linked("measured.binary")
+    refused([*FIT, "--option", option])
+
+
+@pytest.mark.parametrize("output", ["", ".", "..", "/", "out/", "a" * 300 + ".npz", "x/" * 3000 + "a.npz"])
+def test_an_output_that_cannot_be(refused, linked, output):
+    linked("measured.binary")
+    line = [*FIT[:-1], output]
+    refused(line)
+
+
+@pytest.mark.parametrize("variant", ["cuda_ad_rgb", "llvm_ad_rgbx", "", "scalar"])
+def test_a_variant_that_this_machine_has_not(refused, linked, variant):
+    from brdfatlas.rendering import use_variant
+
+    if variant.startswith("cuda"):
+        import drjit as dr
+
+        if dr.has_backend(dr.JitBackend.CUDA):
+            pytest.skip("this machine has a GPU")
+    linked("measured.binary")
+    use_variant("llvm_ad_rgb")
+    refused([*RENDER, "--variant", variant], "variant")
+
+
+def test_every_option_has_a_text_and_its_default():
+    commands = next(action for action in parser()._actions if action.dest == "command").choices
+    for name, command in commands.items():
+        text = " ".join(command.format_help().split())
+        for action in command._actions:
+            assert action.help, f"{name} {action.dest}"
+            if action.default not in (None, False, [], "==SUPPRESS=="):
+                assert f"(default: {action.default})" in text, f"{name} {action.dest}"
+
+
+def test_standin_lists_its_materials(capsys, refused):
+    assert main(["standin", "--list"]) == 0
+    names = capsys.readouterr().out.split()
+    assert len(names) == 100
+    assert "chrome" in names
+    refused(["standin"], "--list")
+    refused(["standin", "chrome"], "--list")
+    refused(["standin", "chrom", "-o", "a.binary"], "chrome")
+
+
+@pytest.mark.parametrize("model", list(brdfatlas.MODELS))
+def test_info_says_what_a_fit_is(capsys, inputs, model):
+    assert main(["info", str(inputs / f"{model}.npz")]) == 0
+    told = capsys.readouterr().out
+    assert f"a fit of {model} " in told
+    assert "felt (a stand-in)" in told
+
+
+@pytest.mark.parametrize(("key", "value", "words"), [("scene", "b", "shows b"), ("status", "failed", "failed")])
+def test_image_errors_compare_what_can_be_compared(refused, inputs, linked, key, value, words):
+    from dataclasses import replace
+
+    from brdfatlas.rendering.images import load_render, save_render
+
+    linked("picture.exr")
+    render = load_render("picture.exr")
+    save_render("other.exr", replace(render, meta=dict(render.meta) | {key: value}))
+    refused(["image-errors", "picture.exr", "other.exr"], "picture.exr" if key == "scene" else "other.exr", words)
+
+
+def test_image_errors_of_another_size_or_of_nothing(refused, linked):
+    from brdfatlas.rendering.images import Render, save_render
+
+    linked("picture.exr")
+    for name, value, size in (("small", 1.0, 4), ("black", 0.0, 8), ("nan", np.nan, 8)):
+        mean = np.full((size, size, 3), value, np.float32)
+        save_render(f"{name}.exr", Render(mean, mean[None], np.ones((size, size), bool)))
+    refused(["image-errors", "picture.exr", "small.exr"], "small.exr", "sizes")
+    refused(["image-errors", "black.exr", "picture.exr"], "black.exr", "black")
+    refused(["image-errors", "picture.exr", "nan.exr"], "nan.exr", "NaN")
+
+
+ENDS = [(KeyboardInterrupt, 130, "interrupted"), (MemoryError, 1, "memory")]
+
+
+@pytest.mark.parametrize(("error", "status", "words"), ENDS)
+@pytest.mark.parametrize("command", [["models"], ["info", "x"], ["table", "x.npz", "-o", "y.binary"]])
+def test_an_interrupt_is_one_line(refused, monkeypatch, command, error, status, words):
+    def interrupted(*arguments, **options):
+        raise error
+
+    monkeypatch.setattr("brdfatlas.cli.MODELS", type("M", (), {"__iter__": interrupted})())
+    monkeypatch.setattr("brdfatlas.cli.load_fit", interrupted)
+    monkeypatch.setattr("brdfatlas.cli.read_merl", interrupted, raising=False)
+    monkeypatch.setattr("brdfatlas.cli.read", interrupted, raising=False)
+    refused(command, words, status=status)
+
+
+def in_a_process(code, **environment):
+    """Run Python with the package, in a process of its own."""
+    env = os.environ | {"PYTHONPATH": str(Path(brdfatlas.__file__).parents[1])} | environment
+    return subprocess.Popen(
+        [sys.executable, "-c", code], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def test_a_reader_that_has_enough_ends_the_command_quietly():
+    process = in_a_process("import sys; from brdfatlas.cli import main; sys.exit(main(['models', '--json']))")
+    process.stdout.readline()
+    process.stdout.close()
+    err = process.stderr.read()
+    assert process.wait() in (0, 141)
+    assert err == ""
+
+
+def test_an_interrupt_of_the_process_is_one_line(inputs, tmp_path):
+    code = (
+        "import sys, time, brdfatlas.cli as cli\n"
+        "cli.fit = lambda *a, **k: (print('ready', flush=True), time.sleep(600))\n"
+        f"sys.exit(cli.main(['fit', 'ggx', {str(inputs / 'measured.binary')!r}, '-o', {str(tmp_path / 'a.npz')!r}]))"
+    )
+    process = in_a_process(code)
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate()
+    assert (process.returncode, out) == (130, "")
+    assert err == "brdfatlas: interrupted, nothing was written\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_that_are_no_text_in_this_locale_are_printed(inputs, tmp_path):
+    code = (
+        "import os, sys; from brdfatlas.cli import main\n"
+        f"output = os.fsdecode({os.fsencode(tmp_path)!r} + b'/f\\xff.binary')\n"
+        f"sys.exit(main(['table', {str(inputs / 'ggx.npz')!r}, '-o', output]))"
+    )
+    process = in_a_process(code, LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")
+    out, err = process.communicate()
+    assert (process.returncode, err) == (0, "")
+    assert out.count("\n") == 1
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_the_package_works_where_compiled_code_cannot_be_kept():
+    """numba without any place for its cache, as with a read-only package and home: one line, and a right answer."""
+    code = (
+        "import numba.core.caching as caching\n"
+        "for kind in (caching.CacheImpl, caching.CompileResultCacheImpl, caching.CodeLibraryCacheImpl):\n"
+        "    kind._locator_classes = []\n"
+        "import numpy as np, brdfatlas.measured as m\n"
+        "print(m.look_up(np.ones((90, 90, 180, 3), np.float32), [0, 0, 1], [0, 0.6, 0.8]))"
+    )
+    out, err = in_a_process(code).communicate()
+    assert out == "[1. 1. 1.]\n"
+    assert err.count("\n") == 1
+    assert "NUMBA_CACHE_DIR" in err
+
+
+def test_every_compiled_function_is_made_by_our_njit():
+    root = Path(brdfatlas.__file__).parent
+    for path in root.rglob("*.py"):
+        if path.name != "compiled.py":
+            assert "from numba import njit" not in path.read_text(), path
+
+
+NOWHERE = [[np.nan, 0, 1], [0, 0, np.nan], [np.nan] * 3, [np.inf, 0, 0], [0, -np.inf, 1]]
+
+
+@pytest.mark.parametrize("model", list(brdfatlas.MODELS))
+def test_nan_in_nan_out(inputs, model):
+    """One rule for every fit: a direction that is none has no value, and costs its neighbours nothing."""
+    fitted = brdfatlas.load_fit(inputs / f"{model}.npz")
+    up, aside = np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.0, 0.8])
+    expected = fitted.evaluate(up, aside)
+    for bad in NOWHERE:
+        for wi, wo in ((bad, aside), (up, bad), (bad, bad)):
+            assert np.isnan(fitted.evaluate(wi, wo)).all()
+        several = fitted.evaluate(np.array([up, bad, up]), aside)
+        assert np.isnan(several).any(-1).tolist() == [False, True, False]
+        np.testing.assert_array_equal(several[[0, 2]], [expected, expected])
+
+
+WORDS = st.text(st.characters(codec="utf-8", exclude_characters="\r\0"), max_size=12)
+CELLS = st.one_of(
+    WORDS, st.sampled_from(["=1+1", "+1", "-1", "@SUM(A1)", "'=1", "''=1", "'", "\t=1", "null", "NA", "nan", '"', ""])
+)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(cells=st.lists(st.tuples(CELLS, CELLS), min_size=1, max_size=5))
+def test_tables_come_back_and_no_cell_is_a_formula(tmp_path, cells):
+    table = pd.DataFrame({"material": [a for a, _ in cells], "reason": [b for _, b in cells], "psnr": 1.5})
+    write_tsv(tmp_path / "a.tsv", table)
+    pd.testing.assert_frame_equal(read_tsv(tmp_path / "a.tsv"), table, check_dtype=False)
+    raw = pd.read_csv(tmp_path / "a.tsv", sep="\t", dtype=str, na_filter=False)
+    for cell in [*raw["material"], *raw["reason"]]:
+        assert not cell.startswith(("=", "+", "-", "@", "\t"))
+
+
+def test_negative_numbers_stay_numbers(tmp_path):
+    write_tsv(tmp_path / "a.tsv", pd.DataFrame({"material": ["x"], "psnr": [-1.5]}))
+    assert read_tsv(tmp_path / "a.tsv")["psnr"][0] == -1.5
+    assert "'" not in (tmp_path / "a.tsv").read_text()

@@ -1,0 +1,246 @@
+"""An output never destroys an input, a file of another kind, or what is no file."""
+
+import os
+import socket
+
+import numpy as np
+import pytest
+
+import brdfatlas
+from brdfatlas import files
+from brdfatlas.cli import main
+
+#: Command with {o} for its output -> the inputs it reads.
+WRITERS = {
+    "fit": (["fit", "ggx", "measured.binary", "-o", "{o}"], ["measured.binary"]),
+    "fit of one's own": (
+        ["fit", "mine", "measured.binary", "--source", "model.py", "-o", "{o}"],
+        ["measured.binary", "model.py"],
+    ),
+    "table": (["table", "ggx.npz", "-o", "{o}"], ["ggx.npz"]),
+    "export": (["export", "ward.npz", "-o", "{o}"], ["ward.npz"]),
+    "export --sampler": (["export", "--sampler", "ward.npz", "-o", "{o}"], ["ward.npz"]),
+    "uber-texture": (["uber-texture", "g_from_d.npz", "-o", "{o}"], ["g_from_d.npz"]),
+    "render": (
+        ["render", "measured.binary", "--scenes", "scenes.yaml", "--scene", "mine", "--size", "8", "-o", "{o}"],
+        ["measured.binary", "scenes.yaml", "probe.exr"],
+    ),
+    "render of a fit": (["render", "ggx.npz", "--size", "8", "-o", "{o}"], ["ggx.npz"]),
+}
+PAIRS = [(command, name) for command, (_, names) in WRITERS.items() for name in names]
+RIGHT = {"fit": ".npz", "fit of one's own": ".npz", "table": ".binary", "export": ".json", "export --sampler": ".json"}
+RIGHT |= {"uber-texture": ".exr", "render": ".exr", "render of a fit": ".png"}
+
+
+def command_line(command, output, linked):
+    arguments, names = WRITERS[command]
+    for name in names:
+        if not os.path.lexists(name):
+            linked(name)
+    return [item.replace("{o}", str(output)) for item in arguments]
+
+
+def by_itself(path):
+    return path.name
+
+
+def by_absolute_path(path):
+    return path
+
+
+def by_a_detour(path):
+    (path.parent / "sub").mkdir()
+    return f"sub/../{path.name}"
+
+
+def by_a_link(path):
+    (path.parent / "link").symlink_to(path.name)
+    return "link"
+
+
+def by_a_linked_folder(path):
+    (path.parent / "folder").symlink_to(path.parent)
+    return f"folder/{path.name}"
+
+
+def by_a_hard_link(path):
+    os.link(path, path.parent / "twin")
+    return "twin"
+
+
+WAYS = (by_itself, by_absolute_path, by_a_detour, by_a_link, by_a_linked_folder, by_a_hard_link)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(("command", "name"), PAIRS)
+def test_an_output_that_is_an_input_is_refused_also_by_force(refused, linked, command, name, way):
+    arguments = command_line(command, "{o}", linked)
+    output = str(way(refused.folder / name))
+    arguments = [item.replace("{o}", output) for item in arguments]
+    refused([*arguments, "--force"], os.path.basename(output), "is an input", "name another output")
+
+
+ENDINGS = (".npz", ".binary", ".exr", ".png", ".json", ".py", ".yaml", ".csv", ".hdr", ".txt")
+
+
+WRONG = [
+    (command, ending)
+    for command in WRITERS
+    for ending in ENDINGS
+    if ending != RIGHT[command] and not (command.startswith("render") and ending in (".exr", ".png"))
+]
+
+
+@pytest.mark.parametrize(("command", "ending"), WRONG)
+def test_the_ending_fits_what_is_written(refused, linked, command, ending):
+    refused(command_line(command, f"out{ending}", linked), f"out{ending}", "name such an output")
+
+
+FOREIGN = {
+    "text": b"my notes\n",
+    "a measurement": "measured.binary",
+    "a picture": b"v/1\x01" + b"channels\0" * 40,
+    "an archive": b"PK\x03\x04" + b"\0" * 26 + b"thesis.docx",
+    "JSON": b'{"name": "my package"}\n',
+    "a program": b"#!/bin/sh\nexit\n",
+    "a PNG": b"\x89PNG\r\n\x1a\n" + b"\0" * 40,
+}
+
+
+@pytest.mark.parametrize("what", FOREIGN)
+@pytest.mark.parametrize("command", WRITERS)
+def test_a_file_that_is_not_ours_is_not_overwritten(refused, linked, inputs, command, what):
+    arguments = command_line(command, f"out{RIGHT[command]}", linked)
+    output = refused.folder / f"out{RIGHT[command]}"
+    content = FOREIGN[what]
+    output.write_bytes(content if isinstance(content, bytes) else (inputs / content).read_bytes())
+    refused(arguments, output.name, "--force")
+
+
+def test_force_replaces_and_what_is_ours_needs_none(linked, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for command in WRITERS:
+        if command.startswith(("render", "fit")):
+            continue
+        output = tmp_path / f"{command}{RIGHT[command]}"
+        output.write_bytes(b"my notes")
+        line = command_line(command, output, linked)
+        assert main(line) == 1
+        assert main([*line, "--force"]) == 0
+        written = output.read_bytes()
+        assert len(written) > 100
+        assert main(line) == 0, "a file of ours"
+        assert output.read_bytes() == written
+
+
+def test_a_failed_fits_empty_mark_may_be_replaced(tmp_path, inputs):
+    (tmp_path / "out.json").touch()
+    assert main(["export", str(inputs / "ward.npz"), "-o", str(tmp_path / "out.json")]) == 0
+
+
+def a_fifo(path):
+    os.mkfifo(path)
+
+
+def a_folder(path):
+    path.mkdir()
+
+
+def a_socket(path):
+    with socket.socket(socket.AF_UNIX) as unix:
+        unix.bind(path.name)
+
+
+def a_link_to_itself(path):
+    path.symlink_to(path.name)
+
+
+def a_link_to_a_fifo(path):
+    os.mkfifo(path.with_name("fifo"))
+    path.symlink_to("fifo")
+
+
+def a_device(path):
+    try:
+        os.mknod(path, 0o20666, os.makedev(1, 3))
+    except PermissionError:
+        pytest.skip("only root makes devices")
+
+
+SPECIAL = (a_fifo, a_folder, a_socket, a_link_to_itself, a_link_to_a_fifo, a_device)
+
+
+@pytest.mark.parametrize("make", SPECIAL)
+@pytest.mark.parametrize("command", ["fit", "table", "export", "uber-texture", "render of a fit"])
+def test_what_is_no_regular_file_is_never_replaced(refused, linked, command, make):
+    arguments = command_line(command, f"out{RIGHT[command]}", linked)
+    make(refused.folder / f"out{RIGHT[command]}")
+    refused([*arguments, "--force"], f"out{RIGHT[command]}", "name another output")
+
+
+@pytest.mark.parametrize("make", SPECIAL)
+def test_atomic_writing_replaces_none_either(tmp_path, monkeypatch, make):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "out.txt"
+    make(path)
+    before = os.lstat(path)
+    with pytest.raises(files.FileFault, match=r"out.txt: .*name another output"):
+        files.write_text(path, "new")
+    assert os.lstat(path).st_ino == before.st_ino
+    assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_atomic_writing_goes_through_links(tmp_path, exists):
+    target, link, second = tmp_path / "a" / "target.txt", tmp_path / "link.txt", tmp_path / "second.txt"
+    target.parent.mkdir()
+    if exists:
+        target.write_text("old")
+    link.symlink_to(target)
+    second.symlink_to("link.txt")
+    files.write_text(second, "new")
+    assert target.read_text() == "new"
+    assert link.is_symlink()
+    assert second.is_symlink()
+
+
+@pytest.mark.parametrize("command", ["fit", "table", "uber-texture", "render of a fit"])
+def test_standard_output_takes_text_alone(refused, linked, command):
+    refused(command_line(command, "-", linked), "-o -", "name a file")
+
+
+def test_text_goes_to_standard_output_and_nothing_else(capsys, inputs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for extra in ([], ["--sampler"]):
+        assert main(["export", str(inputs / "ward.npz"), "-o", "out.json", "--force", *extra]) == 0
+        capsys.readouterr()
+        assert main(["export", str(inputs / "ward.npz"), "-o", "-", *extra]) == 0
+        assert capsys.readouterr().out == (tmp_path / "out.json").read_text()
+    assert [path.name for path in tmp_path.iterdir()] == ["out.json"]
+
+
+def test_a_png_is_the_render_by_its_tone_map_and_says_what_it_shows(inputs, tmp_path):
+    from PIL import Image
+
+    from brdfatlas.rendering.images import load_render, tone_map
+
+    for ending in ("exr", "png"):
+        output = str(tmp_path / f"a.{ending}")
+        assert main(["render", str(inputs / "ggx.npz"), "--size", "16", "--spp", "8", "-o", output]) == 0
+    render, picture = load_render(tmp_path / "a.exr"), Image.open(tmp_path / "a.png")
+    shown = tone_map(render.mean, float(render.meta["exposure"]), float(render.meta["gamma"]))
+    assert np.abs(np.array(picture) / 255 - shown).max() <= 0.5 / 255 + 1e-6
+    assert picture.text["brdfatlas:standin"] == "true"
+
+
+@pytest.mark.parametrize("place", ["notes.txt/out.npz", "notes.txt/sub/out.npz"])
+def test_a_folder_that_is_a_file(refused, linked, place):
+    (refused.folder / "notes.txt").write_text("mine")
+    refused(command_line("fit", place, linked), place, "is not a folder")
+
+
+def test_equal_fits_are_equal_files_also_through_a_link(inputs, tmp_path):
+    fitted = brdfatlas.load_fit(inputs / "ggx.npz")
+    (tmp_path / "link.npz").symlink_to("real.npz")
+    fitted.save(tmp_path / "link.npz")
+    assert (tmp_path / "real.npz").read_bytes() == (inputs / "ggx.npz").read_bytes()

@@ -1,0 +1,203 @@
+"""A model of one's own may be wrong in any way: the fault is its own, in one line; nothing else stops or changes."""
+
+import json
+
+import numpy as np
+import pytest
+from own_model import OWN_MODEL
+
+import brdfatlas
+from brdfatlas.cli import main
+from brdfatlas.models import Entry
+from brdfatlas.models.base import FitError, Result
+from brdfatlas.pipeline.jobs import fit_job
+
+FIT = ["fit", "mine", "measured.binary", "--source", "model.py", "-o", "out.npz"]
+IN_FIT = "        return Result("
+RETURNED = 'return Result({"a": np.ones(3)}, 0.0, "none", 1, True)'
+
+
+@pytest.fixture(autouse=True)
+def registry(monkeypatch):
+    """A registry that forgets, after each test, what was registered."""
+    monkeypatch.setattr(brdfatlas.MODELS, "_own", {})
+
+
+def in_fit(line):
+    return OWN_MODEL.replace(IN_FIT, f"        {line}\n{IN_FIT}")
+
+
+AT_IMPORT = {
+    "sys.exit(0)": "import sys\nsys.exit(0)\n",
+    "sys.exit()": "import sys\nsys.exit()\n",
+    "sys.exit(text)": "import sys\nsys.exit('bye')\n",
+    "exit in a class": "import sys\nclass A:\n    sys.exit(0)\n",
+    "a syntax error": "def f(:\n",
+    "a missing module": "import no_such_module_of_mine\n",
+    "a name that is not": "undefined_name\n",
+    "zero division": "1 / 0\n",
+    "a message of two lines": "raise ValueError('a\\nb')\n",
+    "recursion": "def f():\n    f()\nf()\n",
+    "null bytes": "a = 1\0\n",
+    "no model": "a = 1\n",
+    "an abstract model": "from brdfatlas.models.base import Model\nclass Mine(Model):\n    name = 'mine'\n",
+    "two models": OWN_MODEL + OWN_MODEL.replace("class Mine", "class Other"),
+    "another name": OWN_MODEL.replace('"mine"', '"other"'),
+    "no parameters": OWN_MODEL.replace("    parameters = (P", "    unknowns = (P"),
+    "a constructor that fails": OWN_MODEL + "\n    def __init__(self):\n        raise OSError\n",
+}
+
+
+@pytest.mark.parametrize("what", AT_IMPORT)
+def test_a_file_that_is_no_model(refused, linked, what):
+    linked("measured.binary")
+    (refused.folder / "model.py").write_text(AT_IMPORT[what])
+    refused(FIT, "model.py")
+
+
+@pytest.mark.parametrize("name", ["model", "model.txt", "model.py.bak", "model.PY3"])
+def test_a_source_ends_in_py(refused, linked, name):
+    linked("measured.binary")
+    (refused.folder / name).write_text(OWN_MODEL)
+    refused([name if item == "model.py" else item for item in FIT], name, ".py")
+
+
+WHILE_FITTING = {
+    "sys.exit(0)": in_fit("sys.exit(0)"),
+    "zero division": in_fit("1 / 0"),
+    "a write to the table": in_fit("measured.table[:] = 0"),
+    "a write to a row of it": in_fit("measured.table[0, 0, 0] += 1"),
+    "a sort of it": in_fit("measured.table.sort(axis=0)"),
+    "an attribute of the material": in_fit("measured.name = 'gold'"),
+    "a failed assertion": in_fit("assert False, 'never'"),
+    "a KeyError": in_fit("{}['x']"),
+    "no result": OWN_MODEL.replace(RETURNED, "return None"),
+    "no parameter": OWN_MODEL.replace('{"a": np.ones(3)}', "{}"),
+    "a parameter of another shape": OWN_MODEL.replace("np.ones(3)", "np.ones(4)"),
+    "a parameter of text": OWN_MODEL.replace("np.ones(3)", "'abc'"),
+    "NaN": OWN_MODEL.replace("np.ones(3)", "np.full(3, np.nan)"),
+    "an objective of text": OWN_MODEL.replace("0.0, ", "'best', "),
+    "no objective": OWN_MODEL.replace("0.0, ", "None, "),
+    "details that JSON cannot hold": OWN_MODEL.replace("True)", "True, details={'a': object()})"),
+    "details with a set": OWN_MODEL.replace("True)", "True, details={'a': {1}})"),
+    "details with a complex number": OWN_MODEL.replace("True)", "True, details={'a': 1j})"),
+    "details that hold themselves": in_fit("d = {}; d['d'] = d").replace("True)", "True, details=d)"),
+}
+
+
+@pytest.mark.parametrize("what", WHILE_FITTING)
+def test_a_fit_that_fails(refused, linked, what):
+    linked("measured.binary")
+    (refused.folder / "model.py").write_text(WHILE_FITTING[what])
+    refused(FIT, "mine on measured: ")
+
+
+@pytest.mark.parametrize("what", WHILE_FITTING)
+def test_in_a_run_the_fit_fails_and_not_the_job(linked, tmp_path, capsys, what):
+    linked("measured.binary")
+    (tmp_path / "model.py").write_text(WHILE_FITTING[what])
+    paths = [str(tmp_path / name) for name in ("model.py", "measured.binary", "out.npz", "out.json")]
+    fit_job(Entry("mine", "mine", source=paths[0]).plain, 0, paths[1], False, *paths[2:])
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert report["status"] == "failed"
+    assert "\n" not in report["reason"]
+    assert (tmp_path / "out.npz").read_bytes() == b""
+
+
+BAD_VALUES = {
+    "an exception": "raise RuntimeError('no value')",
+    "sys.exit": "sys.exit(0)",
+    "another shape": "return np.zeros(7)",
+    "text": "return 'grey'",
+    "none": "return None",
+    "truth": "return np.ones(np.shape(wi), bool)",
+    "objects": "return np.full(np.shape(wi), None)",
+}
+
+
+@pytest.mark.parametrize("command", [["table", "-o", "out.binary"], ["compare", "measured.binary"]])
+@pytest.mark.parametrize("what", BAD_VALUES)
+def test_a_fit_that_has_no_values(refused, linked, what, command):
+    linked("measured.binary")
+    (refused.folder / "model.py").write_text(OWN_MODEL)
+    assert main(FIT) == 0
+    bad = OWN_MODEL.replace("return np.broadcast_to", BAD_VALUES[what] + "\n        return np.broadcast_to")
+    (refused.folder / "model.py").write_text(bad)
+    refused([command[0], "out.npz", *command[1:], "--source", "model.py"], "mine on measured: ")
+
+
+@pytest.mark.parametrize("value", ["np.nan", "np.inf"])
+@pytest.mark.parametrize("command", [["table", "-o", "out.binary"], ["compare", "measured.binary"]])
+def test_a_fit_of_nan_makes_no_table(refused, linked, value, command):
+    linked("measured.binary")
+    (refused.folder / "model.py").write_text(OWN_MODEL)
+    assert main(FIT) == 0
+    bad = OWN_MODEL.replace("return np.broadcast_to", f"return np.full(np.shape(wi), {value})\n        np.broadcast_to")
+    (refused.folder / "model.py").write_text(bad)
+    refused([command[0], "out.npz", *command[1:], "--source", "model.py"], "out.npz")
+
+
+def test_a_fit_of_ones_own_model_goes_everywhere_with_its_source(linked, tmp_path, capsys, monkeypatch):
+    """The fit remembers its model's file; where that has moved, each command says what it needs, and takes it."""
+    monkeypatch.chdir(tmp_path)
+    linked("measured.binary")
+    linked("model.py")
+    assert main(FIT) == 0
+    commands = (
+        ["info", "out.npz"],
+        ["table", "out.npz", "-o", "out.binary", "--force"],
+        ["export", "out.npz", "-o", "out.json"],
+        ["compare", "measured.binary", "out.npz"],
+    )
+    for command in commands:
+        assert main(command) == 0, command
+    (tmp_path / "model.py").rename("moved.py")
+    for command in commands:
+        capsys.readouterr()
+        assert main(command) == 1
+        err = capsys.readouterr().err
+        assert "--source" in err
+        assert err.count("\n") == 1
+        assert main([*command, "--source", "moved.py"]) == 0, command
+    np.testing.assert_allclose(np.nanmax(brdfatlas.read_merl("out.binary").table), 1.0, rtol=1e-6)
+
+
+def test_what_a_fit_is_judged_by_does_not_change(inputs):
+    """A model that gets hold of the table cannot write into it."""
+    measured = brdfatlas.read_merl(inputs / "measured.binary")
+    before = measured.table.copy()
+
+    class Writer(type(brdfatlas.MODELS["ggx"])):
+        name = "writer"
+
+        def fit(self, measured, *, seed=0, **options):
+            measured.table[...] = 0
+            return Result({}, 0.0, "", 0, True)
+
+    with pytest.raises(FitError, match=r"writer on measured: .*read-only"):
+        brdfatlas.fit(Writer(), measured)
+    np.testing.assert_array_equal(measured.table, before)
+    assert measured.table.flags.writeable
+
+
+class BrokenPoint:
+    """An entry point of another package that does not load."""
+
+    name, value = "theirs", "their_package.models:Theirs"
+
+    def __init__(self, error):
+        self.error = error
+
+    def load(self):
+        raise self.error
+
+
+@pytest.mark.parametrize("error", [ImportError("gone"), SystemExit(0), RuntimeError("a\nb"), AttributeError("Theirs")])
+def test_a_broken_model_of_another_package_is_left_out(capsys, monkeypatch, error):
+    monkeypatch.setattr("brdfatlas.models.loading.entry_points", lambda group: [BrokenPoint(error)])
+    assert main(["models", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert {"ggx", "sgd"} <= json.loads(out).keys()
+    assert err.count("\n") == 1
+    assert "theirs" in err
+    assert "their_package" in err

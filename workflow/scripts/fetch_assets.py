@@ -1,0 +1,7 @@
+"""Fetch the assets of scenes that are not there yet; what it says goes to the log and to the terminal."""
+
+from brdfatlas.pipeline.download import fetch_assets_job
+from brdfatlas.pipeline.logs import logged
+
+with logged(snakemake.log[0]) as say:
+    fetch_assets_job(snakemake.params.assets, snakemake.params.folder, say)
