@@ -8,7 +8,6 @@ rule write_standings:
     input:
         tables=expand("results/tables/{table}.tsv", table=STANDINGS_TABLES),
         summary="reports/assets/summary.svg",
-        models=ancient(expand("reports/models/{model}.html", model=MODELS)),
     output:
         page="reports/standings.html",
         tables=expand("reports/data/{table}.tsv", table=STANDINGS_TABLES),
@@ -30,6 +29,10 @@ rule write_standings:
         "../scripts/write_standings.py"
 
 
+localrules:
+    record_reports,
+
+
 # What a run made in reports/, by name and content. What an earlier run made there of a material or model that is no
 # longer in the run goes, unless somebody changed it; files of the user's are not in the list.
 rule record_reports:
@@ -47,11 +50,7 @@ rule record_reports:
         runtime=5,
     params:
         provenance=provenance("brdfatlas.pipeline.leftovers"),
-        listings={
-            f"results/{kind}/{material}.json": f"reports/materials/{material}"
-            for kind in ("pictures", "figures")
-            for material in MATERIALS
-        },
+        listings=LISTINGS,
     message:
         "recording what is in reports"
     script:

@@ -9,11 +9,11 @@ import os
 from dataclasses import replace
 from types import ModuleType
 
-from brdfatlas.formats import merl, rgl, spectral, tables
+from brdfatlas.formats import merl, rgl, spectral, stored, tables
 from brdfatlas.formats.files import HEAD_BYTES, read_bytes
 from brdfatlas.measured import Measured, MeasuredError
 
-FORMATS = (rgl, merl, tables, spectral)
+FORMATS = (stored, rgl, merl, tables, spectral)
 KNOWN = "MERL .binary, RGL isotropic .bsdf, Cornell spectral text and CSV tables"
 #: How files begin in which measurements may be packed; they are not opened here.
 PACKED = {
