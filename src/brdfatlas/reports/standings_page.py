@@ -142,8 +142,8 @@ def scene_rows(summary: pd.DataFrame, models: Sequence[str]) -> dict[str, Any]:
 
 
 def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, Any]]:
-    """For each class of material a table: its rows, best first, with (mean, median) per measure; the best of each column
-    is marked."""
+    """For each class of material a table: its rows, best first, with (mean, median) per measure; the best of each
+    column is marked."""
     tables = []
     for class_name in CLASSES:
         part = summary[(summary["class"] == class_name) & (summary["scene"] == "all")].set_index("model")
