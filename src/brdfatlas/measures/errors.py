@@ -36,7 +36,7 @@ import pandas as pd
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, fold
 from brdfatlas.measures.ranking import RANKED
 from brdfatlas.measures.tsv import write_tsv
