@@ -21,7 +21,7 @@ import numpy as np
 from brdfatlas.constants import REFERENCE
 from brdfatlas.files import atomic_path, write_json
 from brdfatlas.fits import Fit, fit
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
 from brdfatlas.measures.recommendation import Candidate, choose
 from brdfatlas.models import MODELS, Entry
@@ -111,7 +111,7 @@ class Recommendation:
         for column, (name, words) in enumerate(names.items()):
             shown = np.rint(255 * tone_map(self.renders[name].mean, *self.tone)).astype(np.uint8)
             canvas.paste(
-                Image.fromarray(shown).resize((height, height), Image.Resampling.NEAREST), (column * height, 0)
+                Image.fromarray(shown).resize((height, height), Image.Resampling.BICUBIC), (column * height, 0)
             )
             draw.text((column * height + 6, height + 6), words, fill="black")
         with atomic_path(path) as temporary:

@@ -139,7 +139,7 @@ def test_a_fit_finds_what_made_the_material(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_fits_are_deterministic_and_inside_their_ranges(name):
     material = synthetic("ggx2_diffuse", drawn("ggx2_diffuse", 2, 0.2, 0.6))
-    first, second = (brdfatlas.fit(name, material, seed=4) for _ in range(2))
+    first, second = (brdfatlas.fit(name, material, seed=4, starts=8) for _ in range(2))
     assert first == second
     for p in MODELS[name].parameters:
         assert (first.parameters[p.name] >= np.float32(p.low)).all()
@@ -148,9 +148,9 @@ def test_fits_are_deterministic_and_inside_their_ranges(name):
 
 @pytest.mark.parametrize("objective", ["compressive", "e2", "cosine"])
 def test_two_lobes_are_never_worse_than_one(objective):
-    for seed in range(3):
+    for seed in range(2):
         material = synthetic("principled", drawn("principled", seed, 0.1, 0.6))
-        one, two = (brdfatlas.fit(n, material, objective=objective) for n in ("ggx_diffuse", "ggx2_diffuse"))
+        one, two = (brdfatlas.fit(n, material, objective=objective, starts=16) for n in ("ggx_diffuse", "ggx2_diffuse"))
         assert two.report["objective"] <= one.report["objective"] * (1 + 1e-6)
 
 
@@ -176,7 +176,7 @@ def test_odd_materials_have_finite_fits(name):
     bright[10, 10, 10] = 1e4
     for table in (dark, bright):
         table[~above_horizon()] = np.nan
-        fitted = brdfatlas.fit(name, Measured("odd", table))
+        fitted = brdfatlas.fit(name, Measured("odd", table), starts=8)
         assert all(np.isfinite(value).all() for value in fitted.parameters.values())
     with pytest.raises(brdfatlas.models.base.FitError):
         brdfatlas.fit(name, Measured("empty", np.full_like(dark, np.nan)))
@@ -283,7 +283,7 @@ def test_a_coat_is_fitted_where_asked_for_and_reported_as_not_reciprocal():
         "coat_ior": np.array([1.6]),
     }
     material = synthetic("openpbr", parameters)
-    bare, coated = (brdfatlas.fit("openpbr", material, coat=coat) for coat in (False, True))
+    bare, coated = (brdfatlas.fit("openpbr", material, coat=coat, starts=24) for coat in (False, True))
     assert bare.parameters["coat_weight"][0] == 0
     assert coated.report["objective"] < bare.report["objective"]
     assert "not reciprocal" in coated.report["message"]

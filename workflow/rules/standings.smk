@@ -8,6 +8,9 @@ rule write_standings:
     input:
         tables=expand("results/tables/{table}.tsv", table=STANDINGS_TABLES),
         summary="reports/assets/summary.svg",
+        run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
+        fits=[path for files in RUN_FILES.values() for path in files["fits"]],
+        statistics="config/published/fitting_statistics.csv",
     output:
         page="reports/standings.html",
         tables=expand("reports/data/{table}.tsv", table=STANDINGS_TABLES),
@@ -19,6 +22,7 @@ rule write_standings:
         mem_mb=400,
         runtime=5,
     params:
+        files=RUN_FILES,
         provenance=provenance(STANDINGS, files=TEMPLATES),
         models=MODELS,
         entries=ENTRIES,

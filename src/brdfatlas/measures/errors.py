@@ -36,7 +36,7 @@ import pandas as pd
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, fold
 from brdfatlas.measures.ranking import RANKED
 from brdfatlas.measures.tsv import write_tsv
@@ -412,8 +412,8 @@ def image_errors(reference: Render, image: Render, tone: Tone, *, common_numbers
 def material_errors(
     material: str, models: Sequence[str], tones: Mapping[str, Tone], folder: str | os.PathLike
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Image measures of one material, tidy: material, model, scene, status, reason, then IMAGE_MEASURES; and the standard
-    errors of the differences between models of a picture: material, scene, model, other, then PAIR_ERRORS.
+    """Image measures of one material, tidy: material, model, scene, status, reason, then IMAGE_MEASURES; and the
+    standard errors of the differences between models of a picture: material, scene, model, other, then PAIR_ERRORS.
 
     ``folder`` holds {model}/{scene}.exr with "reference" and "reference_again", the same with another seed, beside the
     ``models``; ``tones`` has an entry a scene. A render that says it failed, one with NaN or Inf, and every render of a
