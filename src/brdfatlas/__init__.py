@@ -13,9 +13,9 @@ The public interface is small and stable::
 """
 
 from brdfatlas.fits import Fit, fit, load_fit
-from brdfatlas.formats import read
 from brdfatlas.formats.merl import read as read_merl
 from brdfatlas.formats.merl import write_merl
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS
 from brdfatlas.recommend import recommend

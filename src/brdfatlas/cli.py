@@ -18,8 +18,8 @@ import brdfatlas
 from brdfatlas.angles import above_horizon
 from brdfatlas.files import ENDINGS, FileFault, check_output, check_regular, plain, shown
 from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
-from brdfatlas.formats import read
 from brdfatlas.formats.merl import write_merl
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, MeasuredError, fold
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import FitError

@@ -21,7 +21,7 @@ import numpy as np
 from brdfatlas.constants import REFERENCE
 from brdfatlas.files import atomic_path, write_json
 from brdfatlas.fits import Fit, fit
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
 from brdfatlas.measures.recommendation import Candidate, choose
 from brdfatlas.models import MODELS, Entry

@@ -1,4 +1,4 @@
-# .binary files in; stand-ins where there are none; a description of each material and of the run.
+# files of measured reflectance in; stand-ins where there are none; a description of each material and of the run.
 
 
 # A node of a cluster may have no git: the revision is asked for where the run is started.
@@ -26,6 +26,27 @@ rule make_standin:
         "stand-in for {wildcards.material} from published fits"
     script:
         "../scripts/make_standin.py"
+
+
+rule read_material:
+    input:
+        lambda wildcards: SOURCES[wildcards.material],
+    output:
+        "results/measured/{material}.measured",
+    log:
+        "results/logs/read_material/{material}.log",
+    benchmark:
+        "results/benchmarks/read_material/{material}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=1500,
+        runtime=10,
+    params:
+        provenance=provenance("brdfatlas.formats.reader", libraries=("numpy", "scipy", "numba", "colour-science")),
+    message:
+        "reading {input}"
+    script:
+        "../scripts/read_material.py"
 
 
 rule describe_material:

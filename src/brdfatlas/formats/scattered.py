@@ -135,11 +135,31 @@ def unique(path, samples: Samples) -> tuple[Samples, tuple[str, ...]]:
     return kept, (f"{len(key) - len(first):,} pairs of directions are there more than once; their values are averaged",)
 
 
-def _floored(values: np.ndarray) -> np.ndarray:
-    """ln f with values below FLOOR of a channel's median raised to that; a black channel is NaN throughout."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        middle = np.array([np.median(v[v > 0]) if (v > 0).any() else np.nan for v in values.T])
-        return np.log(np.maximum(values, FLOOR * middle))
+def _split(values: np.ndarray) -> np.ndarray:
+    """(n, 4): ln of r + g + b, raised to FLOOR of its median, and the share of each channel in it. A channel of a
+    saturated colour is 0 within noise: its logarithm would swing, its share does not."""
+    total = values.sum(1)
+    floor = FLOOR * np.median(total[total > 0])
+    share = np.where(total[:, None] > floor, values / np.maximum(total, floor)[:, None], 1 / 3)
+    return np.concatenate([np.log(np.maximum(total, floor))[:, None], share], 1)
+
+
+def _joined(split: np.ndarray) -> np.ndarray:
+    """rgb of :func:`_split` values, whose shares need not be within 0 and 1."""
+    share = np.maximum(split[..., 1:], 0)
+    return np.exp(split[..., :1]) * share / np.maximum(share.sum(-1, keepdims=True), 1e-9)
+
+
+def without_dropouts(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """Samples without those below a fifth of all their eight nearest ones, which an instrument lost; and the word."""
+    total = samples.values.sum(1)
+    points = symmetric(samples.wi, samples.wo)
+    _, near = cKDTree(points).query(points, 9)
+    keep = total >= total[near[:, 1:]].min(1) / 5
+    if keep.all():
+        return samples, ()
+    kept = Samples(*(a[keep] for a in (samples.wi, samples.wo, samples.values, samples.places)))
+    return kept, (f"{int((~keep).sum()):,} samples far below all their neighbours are left out",)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -148,7 +168,7 @@ def _spline(points, weights, at, out):
     n = points.shape[0]
     for s in range(at.shape[0]):
         x, y, z = at[s, 0], at[s, 1], at[s, 2]
-        a = b = c = 0.0
+        a = b = c = d = 0.0
         for i in range(n):
             square = (x - points[i, 0]) ** 2 + (y - points[i, 1]) ** 2
             near, far = square + (z - points[i, 2]) ** 2, square + (z + points[i, 2]) ** 2
@@ -156,7 +176,8 @@ def _spline(points, weights, at, out):
             a += weights[i, 0] * kernel
             b += weights[i, 1] * kernel
             c += weights[i, 2] * kernel
-        for k, value in enumerate((a, b, c)):
+            d += weights[i, 3] * kernel
+        for k, value in enumerate((a, b, c, d)):
             out[s, k] = value + weights[n, k] + weights[n + 1, k] * x + weights[n + 2, k] * y
 
 
@@ -176,16 +197,14 @@ def _weights(points: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 class Spline:
-    """Cubic splines of ln f over :func:`symmetric`, through the samples but for SMOOTHING."""
+    """Cubic splines of :func:`_split` values over :func:`symmetric`, through the samples but for SMOOTHING."""
 
     def __init__(self, samples: Samples):
-        points, values = symmetric(samples.wi, samples.wo), _floored(samples.values)
+        points, values = symmetric(samples.wi, samples.wo), _split(samples.values)
         key = np.rint(points / 1e-4).astype(np.int64)  # pairs that are one by reciprocity or mirror: their mean
         _, first, inverse, count = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
         self.points = np.ascontiguousarray(points[first])
         self.values = np.stack([np.bincount(inverse.ravel(), v) / count for v in values.T], -1)
-        self.black = np.isnan(self.values).any(0)
-        self.values[:, self.black] = 0.0
         self.low, self.high = self.values.min(0), self.values.max(0)
         self.local = len(self.points) > MOST_GLOBAL
         if self.local:
@@ -194,15 +213,15 @@ class Spline:
             self.weights = _weights(self.points, self.values)
 
     def __call__(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        """ln f, rgb, at pairs (n, 3), never beyond the range of the samples; NaN in a black channel."""
+        """As :func:`_split`, (n, 4), at pairs (n, 3); never beyond the range of the samples."""
         at = np.ascontiguousarray(symmetric(wi, wo))
-        out = np.empty((len(at), 3))
+        out = np.empty((len(at), 4))
         if self.local:
             for start in range(0, len(at), 4000):
                 self._nearest(at[start : start + 4000], out[start : start + 4000])
         else:
             _spline(self.points, self.weights, at, out)
-        return np.where(self.black, np.nan, np.clip(out, self.low, self.high))
+        return np.clip(out, self.low, self.high)
 
     def _nearest(self, at: np.ndarray, out: np.ndarray) -> None:
         """Splines of their own through the nearest samples of each point."""
@@ -215,20 +234,18 @@ class Spline:
 class Regular:
     """A table that is regular in theta_i, theta_o and the azimuth between them, exact at its nodes.
 
-    Linear between nodes in ln f, in f where a channel has values that are not positive. Of the two orders of
+    Linear between nodes in :func:`_split` values. Of the two orders of
     directions that lie inside, each counts by the inverse of its distance to the nearest node.
     """
 
     def __init__(self, axes: tuple[np.ndarray, ...], values: np.ndarray):
         self.axes = axes
-        self.logarithmic = bool((values > 0).all())
-        self.look_up = RegularGridInterpolator(
-            axes, np.log(values) if self.logarithmic else values, bounds_error=False, fill_value=np.nan
-        )
+        split = _split(values.reshape(-1, 3)).reshape(*values.shape[:3], 4)
+        self.look_up = RegularGridInterpolator(axes, split, bounds_error=False, fill_value=np.nan)
 
     def __call__(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        """ln f, rgb, at pairs (n, 3); NaN where neither order lies between the nodes."""
-        total, weights = np.zeros((len(wi), 3)), np.zeros((len(wi), 1))
+        """As :func:`_split`, (n, 4), at pairs (n, 3); NaN where neither order lies between the nodes."""
+        total, weights = np.zeros((len(wi), 4)), np.zeros((len(wi), 1))
         phi = azimuth(wi, wo)
         theta = [np.arctan2(np.hypot(w[:, 0], w[:, 1]), w[:, 2]) for w in (wi, wo)]
         for one, other in (theta, theta[::-1]):
@@ -241,8 +258,7 @@ class Regular:
             weight = np.where(np.isnan(values[:, :1]), 0.0, 1 / (np.sqrt(gap)[:, None] + 1e-9))
             total, weights = total + weight * np.nan_to_num(values), weights + weight
         with np.errstate(invalid="ignore", divide="ignore"):
-            mean = total / weights
-            return mean if self.logarithmic else np.log(np.maximum(mean, 0))
+            return total / weights
 
 
 def _gap(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -291,12 +307,11 @@ def on_grid(samples: Samples) -> OnGrid:
     source = regular(samples)
     how = "linear between the nodes of a regular table" if source else "cubic splines in ln f between samples"
     if source:
-        logs, inside, distance = _everywhere(source, samples, phi_d_centres()[: GRID_SHAPE[2] // 2], None)
+        split, inside, distance = _everywhere(source, samples, phi_d_centres()[: GRID_SHAPE[2] // 2], None)
     else:
         steps = np.linspace(0, np.pi / 2, 90 // PHI_STEP + 1)
-        logs, inside, distance = _everywhere(Spline(samples), samples, phi_d_centres()[: GRID_SHAPE[2] // 2], steps)
-    values = np.exp(logs)
-    values[np.isnan(values) & inside[..., None]] = 0.0  # black channels
+        split, inside, distance = _everywhere(Spline(samples), samples, phi_d_centres()[: GRID_SHAPE[2] // 2], steps)
+    values = _joined(split)
     table = np.where(inside[..., None], values, np.nan).astype(np.float32)
     distance = np.where(inside, distance, np.nan).astype(np.float32)
     full = [np.concatenate([half, half[:, :, ::-1]], 2) for half in (table, distance)]  # phi_d and pi - phi_d are one
@@ -304,27 +319,27 @@ def on_grid(samples: Samples) -> OnGrid:
 
 
 def _everywhere(source, samples: Samples, phi_d: np.ndarray, steps: np.ndarray | None):
-    """ln f, inside or not, and distance at theta_h, theta_d and phi_d up to pi/2: (90, 90, 90, ...)."""
+    """Values as of :func:`_split`, inside or not, distance, at (theta_h, theta_d, phi_d): (90, 90, 90, ...)."""
     shape = (GRID_SHAPE[0], GRID_SHAPE[1], len(phi_d))
     inside, distance = np.zeros(shape, bool), np.full(shape, np.nan)
     cells = above_horizon()[:, :, : shape[2]]
     wi, wo = directions(theta_h_centres()[:, None, None], theta_d_centres()[:, None], phi_d)
     inside[cells] = samples.inside(wi[cells], wo[cells])
     distance[inside] = samples.distance(wi[inside], wo[inside])
-    logs = np.full((*shape, 3), np.nan)
+    split = np.full((*shape, 4), np.nan)
     if steps is None:
-        logs[inside] = source(wi[inside], wo[inside])
-        inside &= ~np.isnan(logs).all(-1)
-        return logs, inside, distance
+        split[inside] = source(wi[inside], wo[inside])
+        inside &= ~np.isnan(split).all(-1)
+        return split, inside, distance
     rows = inside.any(-1)
     theta_h, theta_d = np.nonzero(rows)
     at = directions(theta_h_centres()[theta_h, None], theta_d_centres()[theta_d, None], steps)
-    values = source(at[0].reshape(-1, 3), at[1].reshape(-1, 3)).reshape(len(theta_h), len(steps), 3)
+    values = source(at[0].reshape(-1, 3), at[1].reshape(-1, 3)).reshape(len(theta_h), len(steps), 4)
     place = phi_d / (steps[1] - steps[0])
     low = np.minimum(place.astype(int), len(steps) - 2)
     w = (place - low)[:, None]
-    logs[rows] = values[:, low] * (1 - w) + values[:, low + 1] * w
-    return logs, inside, distance
+    split[rows] = values[:, low] * (1 - w) + values[:, low + 1] * w
+    return split, inside, distance
 
 
 def on_sphere(path, columns: np.ndarray, places: np.ndarray, unit: str):
@@ -346,9 +361,7 @@ def on_sphere(path, columns: np.ndarray, places: np.ndarray, unit: str):
         theta, phi = columns[:, 0::2], columns[:, 1::2]
         small = np.abs(theta).max() <= np.pi / 2 + 1e-3 and np.abs(phi).max() <= 2 * np.pi + 1e-3
         if unit == "degrees" and small and len(columns) > 1:
-            raise MeasuredError(
-                f"{path}: no angle above {np.abs(columns).max():.3g}: radians? degrees are wanted, or '# angles: radians'"
-            )
+            raise MeasuredError(f"{path}: no angle above {np.abs(columns).max():.3g}: radians? Degrees are wanted")
         if unit == "radians" and (np.abs(theta).max() > 2 * np.pi or np.abs(phi).max() > 4 * np.pi):
             at = int(np.argmax(np.abs(columns).max(1)))
             raise MeasuredError(
@@ -358,9 +371,7 @@ def on_sphere(path, columns: np.ndarray, places: np.ndarray, unit: str):
             theta, phi = np.deg2rad(theta), np.deg2rad(phi)
         if theta.min() < -1e-6:
             at = int(np.argmin(theta.min(1)))
-            raise MeasuredError(
-                f"{path}: line {places[at]}: a negative theta; write it positive with phi + 180 degrees"
-            )
+            raise MeasuredError(f"{path}: line {places[at]}: a negative theta; make it positive, phi + 180")
         wi, wo = (
             np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], -1) for t, p in zip(theta.T, phi.T)
         )
@@ -369,7 +380,7 @@ def on_sphere(path, columns: np.ndarray, places: np.ndarray, unit: str):
         at = int(np.argmin(lowest))
         angle = np.rad2deg(np.arccos(np.clip(lowest[at], -1, 1)))
         raise MeasuredError(
-            f"{path}: line {places[at]}: a direction below the surface, {angle:.4g} degrees from the normal; remove the row"
+            f"{path}: line {places[at]}: a direction below the surface, {angle:.4g} degrees; remove the row"
         )
     keep = lowest > 1e-6
     if not keep.any():
@@ -408,6 +419,9 @@ def checked(path, samples: Samples) -> tuple[Samples, float, tuple[str, ...]]:
 def to_measured(path, samples: Samples, *, format: str, warnings: tuple[str, ...] = (), **about: str) -> Measured:
     """Samples as a Measured of the MERL grid; ``about``: source, instrument, note, kind of a Provenance."""
     samples, share, told = checked(path, samples)
+    if not regular(samples):
+        samples, lost = without_dropouts(samples)
+        told = (*told, *lost)
     grid = on_grid(samples)
     if np.isnan(grid.table).all():
         raise MeasuredError(f"{path}: no cell of the MERL grid lies between the samples")

@@ -65,8 +65,8 @@ def _parse(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
     width = 4 + count
     if rest.size % width or not rest.size:
         raise MeasuredError(
-            f"{path}: {rest.size:,} numbers after the {count} wavelengths are no whole rows of {width} (four angles and "
-            f"{count} values); truncated at line {places[-1]}, or the number of wavelengths is wrong"
+            f"{path}: {rest.size:,} numbers after the {count} wavelengths are no rows of {width} (four angles, "
+            f"{count} values): truncated at line {places[-1]}, or the number of wavelengths is wrong"
         )
     comments = [line.lstrip("# \t") for line in lines if line.startswith("#")]
     told = [c for c in comments if c and not re.match(r"(num wls|wls|theta)", c)]

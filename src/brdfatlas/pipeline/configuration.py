@@ -57,7 +57,8 @@ def read_config(config: Mapping[str, Any], source: str = "config") -> dict[str, 
     """The main configuration, completed and checked."""
     schema = read_yaml(SCHEMAS / "config.schema.yaml")
     config = check(typed(dict(config), schema), schema, source)
-    folder = Path(config["merl_folder"])
-    if folder.exists() and not folder.is_dir():
-        raise ConfigError(f"{source}: merl_folder: {folder}: not a folder; name the folder that holds the files")
+    for key in ("measured_folder", "merl_folder"):
+        folder = Path(config[key])
+        if folder.exists() and not folder.is_dir():
+            raise ConfigError(f"{source}: {key}: {folder}: not a folder; name the folder that holds the files")
     return config

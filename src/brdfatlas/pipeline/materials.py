@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from brdfatlas.files import read_json
-from brdfatlas.formats import read
+from brdfatlas.formats.files import name_of
+from brdfatlas.formats.reader import ENDINGS, check, format_of, merl, read
 from brdfatlas.measured import MeasuredError
 from brdfatlas.objectives import importance_weight
 from brdfatlas.pipeline.configuration import choose
@@ -17,16 +18,26 @@ from brdfatlas.pipeline.standins import standin_names
 from brdfatlas.settings import NAME, ConfigError
 
 #: Of what :func:`_fault` looks for: verdicts of an older one are not believed.
-EDITION = 2
+EDITION = 3
+#: Where measurements are looked for if the configuration names no other folder.
+MEASURED_FOLDER, MERL_FOLDER = "data/measured", "data/merl"
+#: Names that pages, folders and rules of the run have; a material cannot.
+RESERVED = frozenset(
+    {"ablation", "assets", "checks", "compare", "index", "model", "models", "reference", "reference_again", "run"}
+    | {"scenes", "standings", "summary", "supplement", "tables", "viewer"}
+)
+LONGEST_NAME = 80
 
 
 @dataclass(frozen=True)
 class Material:
-    """A material of the run: where its .binary is (or will be made) and whether it is a stand-in."""
+    """A material of the run: the file that jobs read (it is there or will be made), whether it is a stand-in, and the
+    file of another format from which ``binary`` is made, "" where there is none."""
 
     name: str
     binary: str
     standin: bool
+    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -38,51 +49,102 @@ class LeftOut:
     reason: str
 
 
+def folders_of(config: Mapping[str, Any]) -> list[Path]:
+    """Where the run's files are: ``measured_folder`` if it is set, else ``merl_folder`` if that is not the default,
+    else both default folders together."""
+    if config["measured_folder"]:
+        return [Path(config["measured_folder"])]
+    if Path(config["merl_folder"]) != Path(MERL_FOLDER):
+        return [Path(config["merl_folder"])]
+    return [Path(MEASURED_FOLDER), Path(MERL_FOLDER)]
+
+
+def shown(path: str | Path) -> str:
+    """A path as one printable line, whatever bytes its name has."""
+    text = os.fsencode(path).decode("utf-8", "backslashreplace")
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def _files(folders: list[Path]) -> dict[str, Path]:
+    """name -> file of everything that is a measurement by its content, or by its ending claims to be one.
+
+    ConfigError for two files of one name.
+    """
+    files: dict[str, Path] = {}
+    for path in (path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())):
+        # hidden files are unfinished writes, and what other systems leave beside files ("._chrome.binary")
+        if path.name.startswith(".") or not (path.suffix.lower() in ENDINGS or _is_measurement(path)):
+            continue
+        name = name_of(path)
+        if name in files:
+            raise ConfigError(
+                f"{shown(files[name])} and {shown(path)} would both be the material {shown(name)!r}; rename one of them"
+            )
+        files[name] = path
+    return files
+
+
+def _is_measurement(path: Path) -> bool:
+    try:
+        return format_of(path) is not None
+    except MeasuredError:
+        return False
+
+
 def find_materials(
-    config: Mapping[str, Any], standins_folder: str, checks: str | Path
+    config: Mapping[str, Any], standins_folder: str, checks: str | Path, tables_folder: str = "results/measured"
 ) -> tuple[list[Material], list[LeftOut], dict[str, dict[str, str]]]:
     """Materials of the run, what is left out of it, and the verdicts on all files.
 
-    MERL files of ``config["merl_folder"]`` if it holds any, else built-in stand-ins, with a line that says so. A file
-    is read whole unless ``checks``, the verdicts that a job of an earlier run wrote, know its size and time stamp.
-    Nothing is written. ConfigError for an unknown name, for nothing at all to work on, for files that are not quite
-    where they are looked for, and under ``strict`` for the first file that cannot be used, and for none.
+    Every file of measured reflectance in :func:`folders_of`, told by its content, else built-in stand-ins, with a line
+    that says so. Files that are no MERL files will be put on the grid once, in ``tables_folder``. A file is read unless
+    ``checks``, the verdicts that a job of an earlier run wrote, know its size and time stamp. Nothing is written.
+    ConfigError for an unknown name, for two files of one name, for nothing at all to work on, for files that are not
+    quite where they are looked for, and under ``strict`` for the first file that cannot be used, and for none.
     """
-    folder = Path(config["merl_folder"])
-    found = sorted(folder.glob("*.binary")) if folder.is_dir() else []
-    # hidden files are unfinished writes, and what other systems leave beside files ("._chrome.binary")
-    files = {path.stem: path for path in found if not path.name.startswith(".")}
+    folders = folders_of(config)
+    files = _files(folders)
     wanted = config["materials"]
     if not files:
-        _say_standins(folder, config["strict"])
+        _say_standins(folders, config["strict"])
         known = standin_names()
         names = choose(wanted, known, "materials", "config") if wanted != "all" else None
         if names is None:
             names = choose(config["standins"], known, "standins", "config")
         return [Material(name, f"{standins_folder}/{name}.binary", True) for name in names], [], {}
-    names = choose(wanted, list(files), "materials", f"config (files in {folder})")
+    place = " and ".join(str(folder) for folder in folders)
+    names = choose(wanted, list(files), "materials", f"config (files in {place})")
     verdicts = check_files({name: files[name] for name in names}, checks)
-    reasons = {name: verdicts[str(files[name])]["reason"] for name in names}
-    left_out = [LeftOut(name, str(files[name]), reason) for name, reason in reasons.items() if reason]
+    reasons = {name: verdicts[shown(files[name])]["reason"] for name in names}
+    left_out = [LeftOut(shown(name), shown(files[name]), reason) for name, reason in reasons.items() if reason]
     if left_out and config["strict"]:
         raise ConfigError(f"{left_out[0].reason} (strict: true; mend or remove the file, or set strict: false)")
-    usable = [Material(name, str(files[name]), False) for name in names if not reasons[name]]
+    usable = [_material(name, files[name], tables_folder) for name in names if not reasons[name]]
     if not usable:
-        raise ConfigError(f"{folder}: no file there can be used: {left_out[0].reason}")
+        raise ConfigError(f"{place}: no file there can be used: {left_out[0].reason}")
     return usable, left_out, verdicts
 
 
-def _say_standins(folder: Path, strict: bool) -> None:
+def _material(name: str, path: Path, tables_folder: str) -> Material:
+    if format_of(path) is merl:
+        return Material(name, str(path), False)
+    return Material(name, f"{tables_folder}/{name}.measured", False, str(path))
+
+
+def _say_standins(folders: list[Path], strict: bool) -> None:
     """Say that stand-ins are used; ConfigError where measured files were probably meant."""
-    for path in sorted(folder.rglob("*")) if folder.is_dir() else []:
-        inside = path.relative_to(folder)
-        if path.suffix.lower() == ".binary" and not any(part.startswith(".") for part in inside.parts):
-            remedy = f"set merl_folder: {path.parent}" if len(inside.parts) > 1 else "rename it to end in .binary"
-            raise ConfigError(f"config: merl_folder: {folder}: no .binary file there, but {path}; {remedy}")
-    fault = f"{folder}: no .binary file there"
+    for folder in folders:
+        for path in sorted(folder.rglob("*")) if folder.is_dir() else []:
+            inside = path.relative_to(folder)
+            if path.suffix.lower() in ENDINGS and not any(part.startswith(".") for part in inside.parts):
+                raise ConfigError(
+                    f"config: measured_folder: {folder}: no measurement there, but {shown(path)}; "
+                    f"set measured_folder: {shown(path.parent)}"
+                )
+    fault = f"{' and '.join(map(str, folders))}: no measurement there"
     if strict:
-        remedy = "correct the folder, or set strict: false; `snakemake merl --config strict=False` downloads"
-        raise ConfigError(f"config: merl_folder: {fault} (strict: true; {remedy})")
+        remedy = "correct the folder, or set strict: false; `snakemake rgl --config strict=False` downloads some"
+        raise ConfigError(f"config: measured_folder: {fault} (strict: true; {remedy})")
     print(f"{fault}; built-in stand-ins are used", file=sys.stderr)
 
 
@@ -99,17 +161,34 @@ def check_files(files: Mapping[str, Path], checks: str | Path) -> dict[str, dict
             stamp = f"{EDITION} {status.st_size} {status.st_mtime_ns} {status.st_mode}"
         except OSError:
             stamp = ""
-        old = known.get(str(path), {})
+        old = known.get(shown(path), {})
         return old if stamp and old.get("stamp") == stamp else {"stamp": stamp, "reason": _fault(name, path)}
 
     with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
-        return dict(zip(map(str, files.values()), pool.map(verdict, files, files.values())))
+        return dict(zip(map(shown, files.values()), pool.map(verdict, files, files.values())))
+
+
+def name_fault(name: str) -> str:
+    """What is wrong with a material's name, which becomes folders, wildcards and addresses; "" if nothing."""
+    if not NAME.match(name):
+        return "the name may have letters, digits, '.', '_' and '-' only, and begins with one of the first two"
+    if len(name) > LONGEST_NAME:
+        return f"the name has {len(name)} characters, {LONGEST_NAME} are the most"
+    if not any(c.isalpha() for c in name):
+        return "the name needs a letter"
+    if name.lower() in RESERVED or name.startswith("model-") or name.endswith((".brdf", ".")):
+        return f"{name!r} is a name that the run uses itself"
+    return ""
 
 
 def _fault(name: str, path: Path) -> str:
-    if not NAME.match(name):
-        return f"{path}: the name may have letters, digits, '.', '_' and '-' only; rename the file"
+    fault = name_fault(name)
+    if fault:
+        return f"{shown(path)}: {fault}; rename the file"
     try:
+        if format_of(path) not in (merl, None):
+            check(path)
+            return ""
         measured = read(path)
     except MeasuredError as error:
         return str(error)

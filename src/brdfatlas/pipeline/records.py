@@ -3,6 +3,7 @@
 import hashlib
 import platform
 import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -13,8 +14,8 @@ import numpy as np
 from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
 from brdfatlas.files import read_json, write_json
-from brdfatlas.formats import read
-from brdfatlas.measured import Measured
+from brdfatlas.formats.reader import read, stored
+from brdfatlas.measured import Measured, MeasuredError
 from brdfatlas.measures.diffuseness import diffuseness, material_class
 from brdfatlas.measures.physics import directional_albedo
 
@@ -29,6 +30,13 @@ def describe_material(measured: Measured) -> dict[str, Any]:
         "title": measured.name.replace("-", " "),
         "standin": measured.standin,
         "source": "built-in stand-in: median of five published fits" if measured.standin else str(measured.path),
+        "kind": measured.kind,
+        "format": measured.provenance.format,
+        "origin": measured.provenance.source,
+        "instrument": measured.provenance.instrument,
+        "note": measured.provenance.note,
+        "shares": dict(measured.provenance.shares),
+        "warnings": list(measured.provenance.warnings),
         "valid_cells": int(valid.sum()),
         "cells_above_horizon": int(above_horizon().sum()),
         "range": [float(values.min()), float(values.max())],
@@ -40,10 +48,22 @@ def describe_material(measured: Measured) -> dict[str, Any]:
     }
 
 
+def read_material_job(source: str, output: str) -> None:
+    """Put a file on the grid and keep the result; warnings go to the log and to the terminal."""
+    try:
+        measured = read(source)
+    except MeasuredError as error:
+        raise SystemExit(str(error)) from None
+    for warning in measured.provenance.warnings:
+        print(f"{source}: {warning}", file=sys.stderr)
+    stored.write(output, measured)
+
+
 def describe_material_job(binary: str, standin: bool, output: str) -> None:
     """Write the description of one material."""
-    digest = hashlib.sha256(Path(binary).read_bytes()).hexdigest()
-    write_json(output, describe_material(read(binary, standin=standin)) | {"sha256": digest})
+    measured = read(binary, standin=standin)
+    digest = hashlib.sha256(Path(measured.path or binary).read_bytes()).hexdigest()
+    write_json(output, describe_material(measured) | {"sha256": digest})
 
 
 def revision(root: Path) -> str:

@@ -1,0 +1,84 @@
+"""A Measured as this program keeps it, ``.measured``: what took seconds to put on the grid is read in an instant.
+
+A line that says so, a line of JSON (everything but the arrays; their names, types and shapes), then the arrays.
+"""
+
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from brdfatlas.angles import GRID_SHAPE
+from brdfatlas.files import atomic_path
+from brdfatlas.formats.files import check_values, read_bytes, size_of
+from brdfatlas.measured import KINDS, Measured, MeasuredError, Provenance
+
+TITLE = "stored table"
+ENDINGS = (".measured",)
+MAGIC = b"brdfatlas measured 1\n"
+HEADER_BYTES = 1 << 16
+MOST_SAMPLES = 1 << 26
+
+
+def recognises(head: bytes) -> bool:
+    """Whether a file that begins so is one of ours."""
+    return head.startswith(MAGIC)
+
+
+def write(path: str | os.PathLike, measured: Measured) -> None:
+    """Write everything that ``measured`` holds, whole or not at all."""
+    arrays = {name: getattr(measured, name) for name in ("table", "distance", "samples")}
+    arrays = {name: np.ascontiguousarray(a, "<f4") for name, a in arrays.items() if a is not None}
+    header = {
+        "name": measured.name,
+        "standin": measured.standin,
+        "path": None if measured.path is None else os.fspath(measured.path),
+        "provenance": asdict(measured.provenance),
+        "shapes": {name: a.shape for name, a in arrays.items()},
+    }
+    with atomic_path(path) as temporary, open(temporary, "wb") as handle:
+        handle.write(MAGIC + json.dumps(header).encode() + b"\n")
+        for array in arrays.values():
+            array.tofile(handle)
+
+
+def _fit(shapes: dict[str, tuple[int, ...]]) -> bool:
+    """Whether the arrays are those of a Measured."""
+    allowed = {"table": (*GRID_SHAPE, 3), "distance": GRID_SHAPE}
+    samples = shapes.get("samples", (0, 3))
+    known = {"table"} <= shapes.keys() <= {"table", "distance", "samples"}
+    fixed = all(shapes[key] == shape for key, shape in allowed.items() if key in shapes)
+    return known and fixed and len(samples) == 2 and samples[1] == 3 and 0 <= samples[0] <= MOST_SAMPLES
+
+
+def read(path: str | os.PathLike) -> Measured:
+    """What :func:`write` wrote. MeasuredError, one line, for anything else."""
+    try:
+        line = read_bytes(path, HEADER_BYTES)[len(MAGIC) :].split(b"\n", 1)[0]
+        header = json.loads(line)
+        provenance = dict(header["provenance"])
+        shapes = {str(name): tuple(int(n) for n in shape) for name, shape in header["shapes"].items()}
+        about = Provenance(**provenance | {"warnings": tuple(map(str, provenance["warnings"]))})
+        name, source = str(header["name"]), header["path"]
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise MeasuredError(f"{path}: its header cannot be read; convert the measurement again") from None
+    start = len(MAGIC) + len(line) + 1
+    counts = {key: int(np.prod(shape)) for key, shape in shapes.items()}
+    whole = size_of(path) == start + 4 * sum(counts.values())
+    if not (_fit(shapes) and whole and about.kind in KINDS):
+        raise MeasuredError(f"{path}: truncated or changed; convert the measurement again")
+    numbers = np.frombuffer(read_bytes(path, 4 * sum(counts.values()), start), "<f4")
+    arrays, place = {}, 0
+    for key, shape in shapes.items():
+        arrays[key] = numbers[place : place + counts[key]].reshape(shape).copy()
+        place += counts[key]
+    table = arrays.pop("table")
+    check_values(path, table[~np.isnan(table[..., 0])])
+    if np.isnan(table).all():
+        raise MeasuredError(f"{path}: no valid cell; convert the measurement again")
+    return Measured(name, table, bool(header.get("standin")), Path(source) if source else None, about, **arrays)
+
+
+check = read
