@@ -88,6 +88,7 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
             "status": model.status,
             "free_parameters": model.free_parameters,
             "bytes": model.bytes,
+            "exports": list(model.targets),
             "options": {
                 key: {
                     "default": o.default,
