@@ -39,7 +39,7 @@ rule all:
         errors=expand(rules.measure_errors.output, material=MATERIALS),
         tables=rules.tabulate_errors.output,
         report=[*REPORT, *rules.write_standings.output],
-        redrawn=lambda wildcards: redrawn(),
+        redrawn=redrawn,
         verdict=[rules.check_failures.output, rules.record_run.output, rules.record_reports.output],
     message:
         "the report is complete"

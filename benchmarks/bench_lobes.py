@@ -22,10 +22,10 @@ from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS
 from brdfatlas.models.three_lobe.base import (
     LobeModel,
-    _LobeProblem,
-    _weights,
+    LobeProblem,
     grid_factors,
     lobe_columns,
+    objective_weights,
 )
 from brdfatlas.pipeline.standins import write_standin
 from brdfatlas.solvers.least_squares import fit_separable, latin_starts
@@ -36,12 +36,10 @@ YARDSTICK = "cook_torrance"
 
 def plain(model: LobeModel, measured: Measured) -> tuple[float, float, bool]:
     """CPU seconds, objective and whether it converged: scipy, finite differences, every sample a residual."""
-    weights = _weights(measured.table, "compressive", np.deg2rad(80.0), 0.02)
-    lower, upper = model._box("low"), model._box("high")
-    starts = latin_starts(192, model._box("first"), model._box("last"), 0)
-    begun = fit_separable(
-        _LobeProblem(model, measured.table, weights), starts, lower, upper, follow=1, max_iterations=0
-    )
+    weights = objective_weights(measured.table, "compressive", np.deg2rad(80.0), 0.02)
+    lower, upper = model.box("low"), model.box("high")
+    starts = latin_starts(192, model.box("first"), model.box("last"), 0)
+    begun = fit_separable(LobeProblem(model, measured.table, weights), starts, lower, upper, follow=1, max_iterations=0)
     keep = (weights[..., 0] > 0).ravel()
     root = np.sqrt(weights.reshape(-1, 3)[keep])
     target = root * measured.table.reshape(-1, 3)[keep]

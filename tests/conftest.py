@@ -81,6 +81,15 @@ def copy_project(destination: Path) -> Project:
     return project
 
 
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """Data of others that no test may need: beside the project, or where BRDFATLAS_SHARED says."""
+    folder = Path(os.environ.get("BRDFATLAS_SHARED", ROOT.parent / "shared"))
+    if not (folder / "data").is_dir():
+        pytest.skip("needs public data that are not part of the project")
+    return folder
+
+
 @pytest.fixture
 def project(tmp_path: Path) -> Project:
     """A fresh small project without results."""
@@ -102,13 +111,14 @@ def new_project() -> Callable[[Path], Project]:
 
 
 #: What a run notes of itself tells of times and differs between equal runs.
-NOTES = {"logs", "benchmarks", "progress.log", "ledger.tsv"}
+NOTES = {"logs", "benchmarks", "progress.log"}
 
 
 def result_files(project: Project) -> dict[str, Path]:
     """Files of the results folder by name, without the run's notes of itself."""
     root = project.root / "results"
-    files = (path for path in root.rglob("*") if path.is_file())
+    # Hidden files are what a killed writer leaves; the report's last job removes them.
+    files = (path for path in root.rglob("*") if path.is_file() and not path.name.startswith("."))
     return {str(path.relative_to(root)): path for path in files if path.relative_to(root).parts[0] not in NOTES}
 
 

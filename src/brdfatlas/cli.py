@@ -18,8 +18,8 @@ import brdfatlas
 from brdfatlas.angles import above_horizon
 from brdfatlas.files import ENDINGS, FileFault, check_output, check_regular, plain, shown
 from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
-from brdfatlas.formats import read
 from brdfatlas.formats.merl import write_merl
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, MeasuredError, fold
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import FitError
@@ -289,6 +289,38 @@ def export_command(args: argparse.Namespace) -> dict[str, Any]:
     return {"fit": args.fit, "output": args.output, "target": target, "files": files}
 
 
+def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
+    """Fit every model, render small, rank by dE00; with -o write the best fit with its exports and a picture."""
+    from brdfatlas.recommend import recommend
+
+    if args.folder:
+        check_folder(args.folder)
+
+    def progress(line: str) -> None:
+        print(shown(line), file=sys.stderr, flush=True)
+
+    found = recommend(args.file, budget=args.budget, target=args.target, seed=args.seed, progress=progress)
+    if not args.json:
+        say(*found.table().splitlines())
+    if found.winner is None:
+        limits = [f"at most {args.budget:,} bytes"] * (args.budget is not None)
+        limits += [f"exact in {args.target}"] * (args.target is not None)
+        raise ValueError(f"{args.file}: no model is {' and '.join(limits) or 'fitted'}; ask for less")
+    files = found.save(args.folder) if args.folder else []
+    if not args.json:
+        say(f"take {found.winner.model}" + (f": {', '.join(map(str, files))}" if files else "; -o FOLDER writes it"))
+    rows = [dataclasses.asdict(row) for row in found.rows]
+    return {"material": found.material, "winner": found.winner.model, "models": rows, "files": files}
+
+
+def check_folder(folder: str) -> None:
+    """Refuse, before any work, a folder that cannot be written to."""
+    where = Path(folder).absolute()
+    parent = next(path for path in (where, *where.parents) if path.exists())
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise FileFault(f"{shown(folder)}: {shown(parent)} is no folder that can be written to; name another")
+
+
 def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put the factors of up to 128 fits into one EXR texture for shaders."""
     from brdfatlas.export.uber_texture import build_uber_texture, save_uber_texture
@@ -459,6 +491,17 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("fit", **fit_of)
     sub.add_argument("--to", metavar="TARGET", default="json", choices=list(EXPORTS), help=", ".join(EXPORTS))
     sub.add_argument("--sampler", action="store_true", help="the same as --to sampler")
+    sub = command("recommend", recommend_command, ["file"])
+    sub.add_argument("file", metavar="FILE", help="measured file")
+    sub.add_argument("--budget", type=whole(1, 2**40), metavar="BYTES", help="largest size of a fit")
+    sub.add_argument(
+        "--for",
+        dest="target",
+        choices=("mitsuba", "materialx", "gltf"),
+        help="only models that this material is exactly",
+    )
+    sub.add_argument("-o", "--folder", metavar="FOLDER", help="folder for the best fit, its exports and a picture")
+    sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, help="of the random numbers")
     sub = command("uber-texture", uber_texture_command, ["fits"], "EXR picture", source=True)
     sub.add_argument("fits", metavar="FIT", nargs="+", help="fits of one model, one a material, at most 128")
     sub = command("compare", compare_command, ["a", "b"], source=True)

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numba.core.event import TimingListener, install_listener
 from threadpoolctl import threadpool_limits
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon
@@ -17,6 +18,7 @@ from brdfatlas.files import check_regular, plain, read_npz, shown, write_npz
 from brdfatlas.measured import Measured, fold
 from brdfatlas.models import MODELS, Entry, load_model, own_faults
 from brdfatlas.models.base import Factors, FitError, Function, Model, Result, numbers
+from brdfatlas.models.given import outside_range, read_parameters
 from brdfatlas.sampling import Sampler
 
 #: Most bytes that a fit may have: several times a table with a number of its own for every cell of the grid.
@@ -251,8 +253,12 @@ def _stored(model: Model, options: Mapping[str, Any], result: Result, where: str
 def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options: Any) -> Fit:
     """Fit ``model`` (a name, an entry or a Model) to a material; ``options`` stand over those of the entry.
 
-    The model gets a read-only table. Raises KeyError for an unknown model, ValueError for an unknown option, FitError
-    where the model has no finite fit for this material, or where the code of a model from outside fails.
+    An entry with given parameters is not fitted: its row holds those of the material (:mod:`.models.given`). The model
+    gets a read-only table. ``report["seconds"]`` leaves out what the first fit of an installation spends on compiling.
+
+    Raises KeyError for an unknown model, ValueError for an unknown option, FitError where the model has no finite fit
+    for this material, or where the code of a model from outside fails, ParameterFileError where its parameters are to
+    be given and are not.
     """
     if isinstance(model, Model):
         entry = Entry(model.name, model.name)
@@ -263,11 +269,17 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     where = f"{entry.name} on {measured.name}"
     table = measured.table.view()
     table.flags.writeable = False
+    given = replace(measured, table=table)
+    compiling = TimingListener()
     start = time.perf_counter()
     # The order of sums in BLAS, and so the last bit, depends on its threads.
-    with own_faults(model, measured.name), threadpool_limits(1, user_api="blas"):
-        result = model.fit(replace(measured, table=table), seed=seed, **chosen)
-        seconds = time.perf_counter() - start
+    with (
+        own_faults(model, measured.name),
+        threadpool_limits(1, user_api="blas"),
+        install_listener("numba:compile", compiling),
+    ):
+        result = _given(entry, model, given) if entry.parameters else model.fit(given, seed=seed, **chosen)
+        seconds = time.perf_counter() - start - (compiling.duration if compiling.done else 0.0)
         parameters = _stored(model, chosen, result, where)
         report = {
             "objective": float(result.objective),
@@ -288,6 +300,16 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     fitted = Fit(entry.model, measured.name, parameters, chosen, measured.standin, report, **labels)
     vars(fitted)["instance"] = model  # also one that no name leads to
     return fitted
+
+
+def _given(entry: Entry, model: Model, measured: Measured) -> Result:
+    """What stands for a fit where the parameters are given."""
+    assert entry.parameters
+    parameters = read_parameters(entry.parameters, model, measured.name)
+    told = f"parameters given in {entry.parameters}, not fitted"
+    beyond = outside_range(model, parameters)
+    message = f"{told}; {beyond}" if beyond else told
+    return Result(parameters, float("nan"), "none: the parameters are given", 0, True, message)
 
 
 def describe_fit(fitted: Fit, measured: Measured, table: np.ndarray) -> dict[str, Any]:

@@ -284,7 +284,7 @@ def make_run(
 def save_fit(path: Path, model: str, material: str, parameters: dict, standin: bool) -> None:
     """The fit's file; an empty one for a fit that failed."""
     if parameters:
-        arrays = {name: np.asarray(values, np.float32) for name, values in parameters.items()}
+        arrays = {p.name: np.resize(parameters[p.name], p.shape).astype(p.dtype) for p in MODELS[model].parameters}
         Fit(model, material, arrays, standin=standin).save(path)
     else:
         path.write_bytes(b"")

@@ -35,6 +35,16 @@ def test_write_material_page(run_rule, finished_run):
     assert "Stand-in, not a measurement" in page
 
 
+def test_write_fits(run_rule, finished_run):
+    """Every fit of the run lies below reports/ and is the one in results/."""
+    listing = json.loads(run_rule("write_fits", "results/fit_files/chrome.json").read_text())
+    folder = finished_run.root / "reports/materials/chrome/fits"
+    assert {path.name for path in folder.iterdir()} == set(listing["files"])
+    for model in ("ggx", "gaussian"):
+        assert load_fit(folder / f"{model}.npz") == load_fit(finished_run.root / f"results/fits/chrome/{model}.npz")
+        assert (folder / f"{model}.json").is_file()
+
+
 def test_write_model_pages(run_rule, finished_run):
     page = run_rule("write_model_pages", "reports/models/ggx.html").read_text(encoding="utf-8")
     fits = table(finished_run.root, "models/ggx/fits").set_index("material")
@@ -53,9 +63,12 @@ def test_write_index(run_rule, finished_run):
     root = finished_run.root
     models, errors = table(root, "models").set_index("model"), table(root, "errors")
     for model in ("ggx", "gaussian"):
-        mean = errors[errors["model"] == model]["psnr_db"].astype(float).mean()
+        mine = errors[errors["model"] == model]
+        mean = mine["psnr_db"].astype(float).mean()
         assert models.loc[model, "psnr_db_mean"] == pytest.approx(mean, rel=1e-6)
-        assert f"{mean:.1f}" in page
+        middle = mine["de00_mean"].astype(float).median()
+        assert models.loc[model, "de00_mean_median"] == pytest.approx(middle, rel=1e-6)
+        assert f"{middle:.2f}" in page
     assert "2 of 2 materials are stand-ins" in page
     script = (root / "reports/data/atlas.js").read_text()
     atlas = json.loads(script.removeprefix("window.ATLAS=").rstrip(";\n"))
@@ -88,14 +101,14 @@ def test_write_uber_texture(finished_run, tmp_path):
 
 def test_typeset_material(run_rule):
     reader = PdfReader(run_rule("typeset_material", "results/pdf/chrome.pdf"))
-    assert len(reader.pages) == 2
+    assert len(reader.pages) == 4, "fits, the reference in every slot, curves and numbers, parameters"
     assert "stand-in, not a measurement" in reader.pages[0].extract_text()
 
 
 def test_write_supplement(run_rule, finished_run):
-    """The parts are there once each has been set; the overview and two pages a material follow."""
+    """The parts are there once each has been set; the overview and four pages a material follow."""
     finished_run.snakemake("--", "results/pdf/chrome.pdf", "results/pdf/pink-felt.pdf")
     finished_run.snakemake("--", "reports/supplement.pdf")
     reader = PdfReader(run_rule("write_supplement", "reports/supplement.pdf"))
-    assert len(reader.pages) == 2 + 2 * 2
+    assert len(reader.pages) == 2 + 4 * 2
     assert [item.title for item in reader.outline] == ["Overview", "pink felt (stand-in)", "chrome (stand-in)"]

@@ -11,7 +11,7 @@ from brdfatlas.measures import errors
 from brdfatlas.measures.errors import Tone
 from brdfatlas.measures.ranking import RANKED
 from brdfatlas.measures.tsv import read_tsv, write_tsv
-from brdfatlas.rendering.images import Render, save_render
+from brdfatlas.rendering.images import Render, load_render, save_render
 
 TONE = Tone(1.0, 2.2)
 
@@ -261,14 +261,16 @@ def renders(tmp_path):
 def test_a_material_s_table_has_a_row_for_everything_and_failures_do_not_stop_it(renders, tmp_path):
     tones = {"one": TONE, "two": Tone(2.0, 2.0)}
     table, _ = errors.material_errors("stuff", ["failing", "good", "broken"], tones, renders)
-    assert list(table.columns) == ["material", "model", "scene", "status", *errors.IMAGE_MEASURES]
+    assert list(table.columns) == ["material", "model", "scene", "status", "reason", *errors.IMAGE_MEASURES]
     assert list(table.model) == [m for m in ("failing", "good", "broken", "reference_again") for _ in range(2)]
     rows = table.set_index(["model", "scene"])
     for model in ("failing", "broken"):
         assert set(rows.loc[model, "status"]) == {"failed"}
         assert rows.loc[model, list(errors.IMAGE_MEASURES)].isna().all(axis=None)
+        assert rows.loc[model, "reason"].map(bool).all()
     for model in ("good", "reference_again"):
         assert set(rows.loc[model, "status"]) == {"ok"}
+        assert set(rows.loc[model, "reason"]) == {""}
         assert rows.loc[model, list(errors.IMAGE_MEASURES)].notna().all(axis=None)
     # offset 0.05 for the fit; plain noise of two means of 8 batches, sigma 0.3, for the floor
     assert rows.loc[("good", "one"), "rmse"] == pytest.approx(0.05, rel=0.1)
@@ -276,6 +278,19 @@ def test_a_material_s_table_has_a_row_for_everything_and_failures_do_not_stop_it
     write_tsv(tmp_path / "errors.tsv", table)
     again = read_tsv(tmp_path / "errors.tsv")
     pd.testing.assert_frame_equal(again, table, rtol=1e-5, check_dtype=False)
+
+
+def test_a_scene_in_which_a_material_is_black_costs_no_other_scene(renders):
+    """It is a row without measures and with its reason."""
+    black = load_render(renders / "reference" / "two.exr")
+    save_render(renders / "reference" / "two.exr", replace(black, mean=0 * black.mean, batches=0 * black.batches))
+    tones = {"one": TONE, "two": TONE}
+    table, pairs = errors.material_errors("stuff", ["good"], tones, renders)
+    rows = table.set_index(["model", "scene"])
+    assert (rows.loc["good", "status"].to_dict()) == {"one": "ok", "two": "failed"}
+    assert "black" in rows.loc[("good", "two"), "reason"]
+    assert np.isnan(rows.loc[("good", "two"), "psnr_db"])
+    assert set(pairs.scene) <= {"one"}
 
 
 def test_a_tsv_keeps_infinity_and_nan(tmp_path):

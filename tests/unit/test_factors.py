@@ -331,6 +331,11 @@ def test_values_at_the_published_bound_are_told():
     held = (fitted.parameters["d"] <= 1.001e-6).sum()
     assert held > 10
     assert fitted.report["message"].startswith(f"{held} of 270 values of D lie at the published lower bound")
+    assert fitted.report["details"]["bound"] == {"factor": "D", "value": 1e-6, "held": held, "count": 270}
+    free = fit("independent_g", material(table=table, share=0.02), starts="slices", clamp=0.0)
+    assert free.report["objective"] < fitted.report["objective"], "without the bound the range is held"
+    d = free.parameters["d"]
+    assert (d[d > 0].min() / d.max()) < 1e-7
 
 
 def test_nothing_runs_away_beyond_a_smaller_range(noisy):

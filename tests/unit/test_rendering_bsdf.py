@@ -1,5 +1,7 @@
 """The plugin: the values of the table, a density that is what is sampled, in every variant."""
 
+import threading
+
 import numpy as np
 import pytest
 from rendering_materials import material, variant
@@ -7,6 +9,7 @@ from rendering_materials import material, variant
 from brdfatlas.fits import fit
 from brdfatlas.formats.merl import write_merl
 from brdfatlas.measured import MeasuredError, extend, look_up
+from brdfatlas.rendering import register
 from brdfatlas.rendering.density import LIST_LENGTH, sampling_density
 
 
@@ -203,3 +206,69 @@ def test_a_fit_that_is_not_finite_is_refused():
     assert m.valid[3, 4, 100]
     with pytest.raises(MeasuredError, match="NaN or Inf"):
         reflectance_of(m, table)
+
+
+@pytest.mark.parametrize("name", ["llvm_ad_spectral", "llvm_mono", "scalar_spectral", "llvm_ad_rgb_polarized"])
+def test_variants_without_rgb_are_refused_in_one_line(name):
+    import mitsuba as mi
+
+    from brdfatlas.rendering import use_variant
+
+    with pytest.raises(ValueError, match=f"rendering.variant: {name}: brdfatlas renders in rgb") as caught:
+        use_variant(name)
+    assert "\n" not in str(caught.value)
+    if name in mi.variants():
+        variant()
+        mi.set_variant(name)
+        try:
+            with pytest.raises(ValueError, match="renders in rgb"):
+                register()
+        finally:
+            variant()
+
+
+def test_threads_may_load_scenes_while_another_renders(binary):
+    """Mitsuba itself crashes where two threads render at once; to load beside a render is safe. The plugin must be
+    whole before Mitsuba knows it, for a render calls every object of its class."""
+    mi = variant()
+    turn, found, faults = threading.Lock(), [], []
+
+    def work():
+        try:
+            mi.set_variant("llvm_ad_rgb")
+            register()
+            for _ in range(3):
+                bsdf = {"type": "brdfatlas", "filename": str(binary)}
+                loaded = mi.load_dict(plain | {"ball": {"type": "sphere", "bsdf": bsdf}})
+                with turn:
+                    found.append(np.array(mi.render(loaded, spp=4, seed=1)))
+        except Exception as fault:
+            faults.append(fault)
+
+    film = {"type": "hdrfilm", "width": 8, "height": 8}
+    plain = {
+        "type": "scene",
+        "integrator": {"type": "direct"},
+        "light": {"type": "constant"},
+        "sensor": {"type": "perspective", "film": film},
+    }
+    threads = [threading.Thread(target=work) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert faults == []
+    assert len(found) == 9
+    for picture in found:
+        np.testing.assert_array_equal(picture, found[0])
+
+
+def test_a_direction_that_is_not_a_number_reads_nothing_outside_the_table(binary):
+    mi = variant()
+    import drjit as dr
+
+    bsdf = mi.load_dict({"type": "brdfatlas", "filename": str(binary)})
+    si = dr.zeros(mi.SurfaceInteraction3f, 3)
+    si.wi = mi.Vector3f([0, float("nan"), 0.6], [0, 0, 0], [1, float("nan"), 0.8])
+    value = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f([float("nan"), 0, 0.6], [0, 0, 0], [1, 1, 0.8])))
+    assert np.isfinite(value[:, 2]).all()

@@ -2,6 +2,7 @@
 # writes nothing.
 
 import os
+import shlex
 import sys
 from pathlib import Path
 
@@ -15,6 +16,10 @@ from brdfatlas.pipeline.provenance import provenance, shipped
 from brdfatlas.pipeline.records import revision, versions
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
 from brdfatlas.rendering.scenes import read_scenes
+
+# Snakemake hands this path to a shell as it is: a project's folder may have spaces and quotes.
+if Path(sys.executable).exists():  # not quoted yet
+    sys.executable = shlex.quote(sys.executable)
 
 try:
     config = read_config(config)
@@ -90,3 +95,25 @@ def texture_rows(wildcards):
 def asset_names():
     """Names of the site's styles and scripts."""
     return [path.name for path in shipped("reports/assets/*")]
+
+
+# Files whose number depends on the fits: a list, {kind: {name: checksum}}, stands for them. Kind -> their folder.
+LISTED = {
+    "pictures": "reports/materials/{material}",
+    "figures": "reports/materials/{material}",
+    "fit_files": "reports/materials/{material}/fits",
+}
+LISTINGS = {
+    f"results/{kind}/{material}.json": folder.format(material=material)
+    for kind, folder in LISTED.items()
+    for material in MATERIALS
+}
+
+
+def redrawn(wildcards):
+    """What makes the listed files that are gone again, by rules that leave the list as it is."""
+    return [
+        name.replace("results/", "results/redrawn/", 1)
+        for name, folder in LISTINGS.items()
+        if missing_files(name, folder)
+    ]

@@ -126,13 +126,3 @@ use rule draw_figures as redraw_figures with:
         "results/logs/redraw_figures/{material}.log",
     benchmark:
         "results/benchmarks/redraw_figures/{material}.tsv"
-
-
-def redrawn():
-    """What draws the listed pictures and figures that are gone."""
-    return [
-        f"results/redrawn/{kind}/{material}.json"
-        for kind in ("pictures", "figures")
-        for material in MATERIALS
-        if missing_files(f"results/{kind}/{material}.json", f"reports/materials/{material}")
-    ]

@@ -42,7 +42,7 @@ rule read_material:
         mem_mb=1500,
         runtime=10,
     params:
-        provenance=provenance("brdfatlas.formats", libraries=("numpy", "scipy", "numba", "colour-science")),
+        provenance=provenance("brdfatlas.formats.reader", libraries=("numpy", "scipy", "numba", "colour-science")),
     message:
         "reading {input}"
     script:

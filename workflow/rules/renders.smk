@@ -65,7 +65,7 @@ rule render_material:
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
         binary=binary_of,
-        scene=rules.prepare_scene.output,
+        scene=rules.prepare_scene.output[0],
     output:
         [update(f"results/renders/{{material}}/{model}/{{scene}}.exr") for model in [*REFERENCES, *MODELS]],
     log:

@@ -48,6 +48,15 @@ rule write_fits:
         "../scripts/write_fits.py"
 
 
+use rule write_fits as rewrite_fits with:
+    output:
+        listing=temp("results/redrawn/fit_files/{material}.json"),
+    log:
+        "results/logs/rewrite_fits/{material}.log",
+    benchmark:
+        "results/benchmarks/rewrite_fits/{material}.tsv"
+
+
 rule write_material_page:
     input:
         facts="results/materials/{material}.json",
@@ -58,7 +67,6 @@ rule write_material_page:
         figures="results/figures/{material}.json",
         files="results/fit_files/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
-        assets=ancient(ASSET_FILES),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
     output:
         page="reports/materials/{material}.html",
@@ -95,7 +103,6 @@ rule write_model_pages:
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         pictures=expand("results/pictures/{material}.json", material=MATERIALS),
-        assets=ancient(ASSET_FILES),
     output:
         pages=expand("reports/models/{model}.html", model=MODELS),
         tables=expand("reports/data/models/{model}/{table}.tsv", model=MODELS, table=MODEL_TABLES),
@@ -127,11 +134,6 @@ rule write_index:
         record="results/run.json",
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
         fits=[path for files in RUN_FILES.values() for path in files["fits"]],
-        # The index comes out last; it only links to these.
-        pages=ancient(expand("reports/materials/{material}.html", material=MATERIALS)),
-        models=ancient(expand("reports/models/{model}.html", model=MODELS)),
-        compare=ancient("reports/compare.html"),
-        viewer=ancient("reports/viewer.html"),
     output:
         page="reports/index.html",
         script="reports/data/atlas.js",
@@ -311,6 +313,7 @@ rule write_viewer:
 REPORT = [
     *expand(rules.draw_pictures.output, material=MATERIALS),
     *expand(rules.draw_figures.output, material=MATERIALS),
+    *expand(rules.write_fits.output, material=MATERIALS),
     *rules.draw_bars.output,
     *rules.draw_summary.output,
     *rules.write_assets.output,

@@ -8,7 +8,9 @@ rule write_standings:
     input:
         tables=expand("results/tables/{table}.tsv", table=STANDINGS_TABLES),
         summary="reports/assets/summary.svg",
-        models=ancient(expand("reports/models/{model}.html", model=MODELS)),
+        run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
+        fits=[path for files in RUN_FILES.values() for path in files["fits"]],
+        statistics="config/published/fitting_statistics.csv",
     output:
         page="reports/standings.html",
         tables=expand("reports/data/{table}.tsv", table=STANDINGS_TABLES),
@@ -20,6 +22,7 @@ rule write_standings:
         mem_mb=400,
         runtime=5,
     params:
+        files=RUN_FILES,
         provenance=provenance(STANDINGS, files=TEMPLATES),
         models=MODELS,
         entries=ENTRIES,
@@ -28,6 +31,10 @@ rule write_standings:
         "page of standings"
     script:
         "../scripts/write_standings.py"
+
+
+localrules:
+    record_reports,
 
 
 # What a run made in reports/, by name and content. What an earlier run made there of a material or model that is no
@@ -47,11 +54,7 @@ rule record_reports:
         runtime=5,
     params:
         provenance=provenance("brdfatlas.pipeline.leftovers"),
-        listings={
-            f"results/{kind}/{material}.json": f"reports/materials/{material}"
-            for kind in ("pictures", "figures")
-            for material in MATERIALS
-        },
+        listings=LISTINGS,
     message:
         "recording what is in reports"
     script:

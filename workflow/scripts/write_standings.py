@@ -15,5 +15,7 @@ with logged(snakemake.log[0]):
         data=Path(output.tables[0]).parent,
         figure=snakemake.input.summary,
         models=p.models,
+        files=p.files,
+        statistics=snakemake.input.statistics,
         **p.links,
     )

@@ -14,7 +14,7 @@ from brdfatlas.figures.lobes import plot_lobes
 from brdfatlas.figures.summary import plot_summary
 from brdfatlas.files import digests, read_json, write_json, write_text
 from brdfatlas.fits import Fit, load_fit
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
 from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS

@@ -36,7 +36,7 @@ import pandas as pd
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, fold
 from brdfatlas.measures.ranking import RANKED
 from brdfatlas.measures.tsv import write_tsv
@@ -412,36 +412,43 @@ def image_errors(reference: Render, image: Render, tone: Tone, *, common_numbers
 def material_errors(
     material: str, models: Sequence[str], tones: Mapping[str, Tone], folder: str | os.PathLike
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Image measures of one material, tidy: material, model, scene, status, then IMAGE_MEASURES; and the standard
-    errors of the differences between models of a picture: material, scene, model, other, then PAIR_ERRORS.
+    """Image measures of one material, tidy: material, model, scene, status, reason, then IMAGE_MEASURES; and the
+    standard errors of the differences between models of a picture: material, scene, model, other, then PAIR_ERRORS.
 
     ``folder`` holds {model}/{scene}.exr with "reference" and "reference_again", the same with another seed, beside the
-    ``models``; ``tones`` has an entry a scene. A render that says it failed, and one with NaN or Inf, give a row with
-    status "failed" and NaN measures. Raises ValueError, naming the scene, if a reference cannot be used.
+    ``models``; ``tones`` has an entry a scene. A render that says it failed, one with NaN or Inf, and every render of a
+    scene whose reference cannot be used (black, say), give a row with status "failed", its reason and NaN measures.
     """
     rows, pairs = [], []
     names = list(dict.fromkeys([*models, REFERENCE_AGAIN]))
     for scene, tone in tones.items():
+        picture, fault = None, ""
+        reference = load_render(Path(folder) / REFERENCE / f"{scene}.exr")
         try:
-            picture = Picture(load_render(Path(folder) / REFERENCE / f"{scene}.exr"), tone)
+            picture = Picture(reference, tone)
         except ValueError as error:
-            raise ValueError(f"{material}, {scene}: {error}") from None
+            fault = str(error)
+            log.warning("%s, %s: %s", material, scene, fault)
         spreads: dict[str, Spread] = {}
         for model in names:
             row: dict[str, object] = {"material": material, "model": model, "scene": scene, "status": "failed"}
+            row["reason"] = fault
             image = load_render(Path(folder) / model / f"{scene}.exr")
-            if image.meta.get("status", "ok") == "ok":
+            if image.meta.get("status", "ok") != "ok":
+                row["reason"] = "the fit failed"
+            elif picture is not None:
                 try:
                     values, spreads[model] = picture.errors(image, common_numbers=model != REFERENCE_AGAIN)
                     row |= values | {"status": "ok"}
                 except ValueError as error:
                     log.warning("%s, %s, %s: %s", material, model, scene, error)
+                    row["reason"] = str(error)
             rows.append(row)
         spreads.pop(REFERENCE_AGAIN, None)
         for model, other in combinations(spreads, 2):
             joint = spreads[model].joint(spreads[other])
             pairs.append({"material": material, "scene": scene, "model": model, "other": other} | joint)
-    table = pd.DataFrame(rows, columns=["material", "model", "scene", "status", *IMAGE_MEASURES])
+    table = pd.DataFrame(rows, columns=["material", "model", "scene", "status", "reason", *IMAGE_MEASURES])
     order = {name: i for i, name in enumerate(names)}
     table = table.sort_values("model", key=lambda column: column.map(order), kind="stable", ignore_index=True)
     return table, pd.DataFrame(pairs, columns=["material", "scene", "model", "other", *PAIR_ERRORS])

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from brdfatlas.constants import REFERENCE_AGAIN
-from brdfatlas.measures.ranking import best_rows, count_missing
+from brdfatlas.measures.ranking import RANKED, best_rows, count_missing
 from brdfatlas.measures.recommendation import Candidate, choose
 
 
@@ -159,6 +159,23 @@ def best_of(values: Mapping[str, float | None], measure: Measure) -> list[str]:
     return [name for name, value in alive.items() if value == best]
 
 
+def best_by_noise(errors: pd.DataFrame, models: Sequence[str], measure: Measure) -> pd.DataFrame:
+    """Rows of the models that are best on a picture: all that the noise of the renders does not tell apart from the
+    best where the measure has a standard error, and all that print like it."""
+    good = errors[(errors["status"] == "ok") & errors["model"].isin(list(models))]
+    if measure.key not in good or good.empty:
+        return good.iloc[:0]
+    places = set()
+    if measure.key in RANKED:
+        keys = ["material", "scene", "model"]
+        places = set(map(tuple, best_rows(errors, list(models), measure=measure.key)[keys].itertuples(index=False)))
+    kept = []
+    for (material, scene), rows in good.groupby(["material", "scene"], sort=False):
+        names = best_of(dict(zip(rows["model"], rows[measure.key], strict=True)), measure)
+        kept += [i for i, name in rows["model"].items() if name in names or (material, scene, name) in places]
+    return good.loc[kept]
+
+
 def best_first(values: Mapping[str, float], measure: Measure) -> list[str]:
     """Names by quality; those without a number last, in their own order."""
     sign = -1 if measure.higher_is_better else 1
@@ -247,8 +264,8 @@ class Summary:
         return best_of({name: self.value(name, measure, material) for name in self.complete(material)}, measure)
 
     def wins(self, measure: Measure = LEADING) -> dict[str, int]:
-        """Pictures on which a model is best by a ranked measure, with all that the noise does not tell apart."""
-        counts = best_rows(self.errors, list(self.models), measure=measure.key)["model"].value_counts()
+        """Pictures on which a model is best (:func:`best_by_noise`)."""
+        counts = best_by_noise(self.errors, list(self.models), measure)["model"].value_counts()
         return {name: int(counts.get(name, 0)) for name in self.models}
 
     def cost(self, model: str, key: str, material: str | None = None) -> float:
@@ -300,6 +317,18 @@ class Summary:
             found = choose(rows, budget=budget.bytes, **switches)
             chosen.append(found.model if found else None)
         return chosen
+
+    def fitting_statistics(self, model: str) -> dict[str, float]:
+        """Table I of Bagher et al. 2016: smallest, mean and largest seconds, iterations and golden-section calls of a
+        fit, the number of materials with such calls and of materials. NaN where no fit counts them."""
+        rows = [row for name in self.classes if (row := self.fit_of(name, model)) is not None]
+        found: dict[str, float] = {"materials": len(rows)}
+        for key, column in (("seconds", "seconds"), ("iterations", "iterations"), ("golden", "golden_section_calls")):
+            values = known(row.get(column) for row in rows)
+            for kind, of in (("min", min), ("mean", lambda v: sum(v) / len(v)), ("max", max)):
+                found[f"{key}_{kind}"] = float(of(values)) if values else float("nan")
+        calls = known(row.get("golden_section_calls") for row in rows)
+        return found | {"golden_materials": sum(v > 0 for v in calls) if calls else float("nan")}
 
     @property
     def noise(self) -> Mapping[str, Score]:

@@ -7,6 +7,7 @@
 
 import inspect
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.models.base import Model
+from brdfatlas.models.given import PUBLISHED
 from brdfatlas.models.loading import BUILTIN, load_model
 from brdfatlas.settings import ConfigError, check, check_name, read_yaml
 
@@ -51,7 +53,12 @@ class Entry:
 
         KeyError for an unknown model, ImportError for a file that cannot be used, ValueError for a wrong option.
         """
-        return load_model(self.model, self.source).with_options(self.options)
+        model = load_model(self.model, self.source).with_options(self.options)
+        if self.parameters:
+            kind = "published" if self.name.endswith(PUBLISHED) else "given parameters"
+            model = copy(model)
+            vars(model)["title"] = f"{model.title}, {kind}"
+        return model
 
     @property
     def title(self) -> str:

@@ -301,6 +301,18 @@ def _merge(weights, rho, merged, target):
 
 
 @njit(cache=True, nogil=True)
+def _add_products(e, s, inner):
+    """Adds e_a S e_b to ``inner``, b <= a."""
+    for a in range(3):
+        for b in range(a + 1):
+            total = 0.0
+            for k in range(3):
+                for m in range(3):
+                    total += e[a, k] * s[k, m] * e[b, m]
+            inner[a, b] += total
+
+
+@njit(cache=True, nogil=True)
 def _pass(merged, target, position_i, position_o, inverse, e, count, inner, mixed, cross):
     """Adds up, per theta_d, the inner products of the columns e[u] · (g, dg/d ln alpha, dg/dp) with each other (inner),
     with 1 (mixed) and with the material (cross); g = 1 / (sigma_i sigma_o), u runs over the lobe and its derivatives.
@@ -351,18 +363,13 @@ def _pass(merged, target, position_i, position_o, inverse, e, count, inner, mixe
                 mixed[0, d] += a * m0
                 cross[0, d] += a * c0
                 continue
-            s[0, 0], s[0, 1], s[0, 2] = s00, s01, s02
-            s[1, 0], s[1, 1], s[1, 2] = s01, s11, s12
-            s[2, 0], s[2, 1], s[2, 2] = s02, s12, s22
             for a in range(3):
                 mixed[a, d] += e[a, h, 0] * m0 + e[a, h, 1] * m1 + e[a, h, 2] * m2
                 cross[a, d] += e[a, h, 0] * c0 + e[a, h, 1] * c1 + e[a, h, 2] * c2
-                for b in range(a + 1):
-                    total = 0.0
-                    for k in range(3):
-                        for m in range(3):
-                            total += e[a, h, k] * s[k, m] * e[b, h, m]
-                    inner[a, b, d] += total
+            s[0, 0], s[0, 1], s[0, 2] = s00, s01, s02
+            s[1, 0], s[1, 1], s[1, 2] = s01, s11, s12
+            s[2, 0], s[2, 1], s[2, 2] = s02, s12, s22
+            _add_products(e[:, h], s, inner[:, :, d])
 
 
 class _Channel:

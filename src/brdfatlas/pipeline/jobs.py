@@ -9,7 +9,7 @@ from typing import Any
 
 from brdfatlas.files import write_json
 from brdfatlas.fits import describe_fit, fit
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measures.physics import physics_checks
 from brdfatlas.models import Entry
 

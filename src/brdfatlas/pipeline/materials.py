@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from brdfatlas.files import read_json
-from brdfatlas.formats import ENDINGS, check, format_of, merl, read
 from brdfatlas.formats.files import name_of
+from brdfatlas.formats.reader import ENDINGS, check, format_of, merl, read
 from brdfatlas.measured import MeasuredError
 from brdfatlas.objectives import importance_weight
 from brdfatlas.pipeline.configuration import choose

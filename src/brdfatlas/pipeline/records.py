@@ -14,7 +14,7 @@ import numpy as np
 from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
 from brdfatlas.files import read_json, write_json
-from brdfatlas.formats import read, stored
+from brdfatlas.formats.reader import read, stored
 from brdfatlas.measured import Measured, MeasuredError
 from brdfatlas.measures.diffuseness import diffuseness, material_class
 from brdfatlas.measures.physics import directional_albedo

@@ -1,8 +1,9 @@
 """Built-in materials: stand-ins for measurements, made of published fits.
 
 A stand-in is, cell by cell, the median of the five fits that Bilgili et al. 2011 published for that material, with
-everything below the horizon invalid as in a MERL file. It is no measurement, and everything that shows it must say so
-(:attr:`Measured.standin`).
+everything below the horizon invalid as in a MERL file. One of the five, Edwards, is not reciprocal: the mean of both
+orders of its directions is taken, so that a stand-in is reciprocal, as a material is. It is no measurement, and
+everything that shows it must say so (:attr:`Measured.standin`).
 """
 
 import os
@@ -14,6 +15,7 @@ from brdfatlas.formats.merl import write_merl
 from brdfatlas.measured import Measured
 from brdfatlas.models.published import check_name, published_names, published_parameters
 from brdfatlas.models.three_lobe.ashikhmin_shirley import AshikhminShirley
+from brdfatlas.models.three_lobe.base import LobeModel
 from brdfatlas.models.three_lobe.cook_torrance import CookTorrance
 from brdfatlas.models.three_lobe.edwards import Edwards
 from brdfatlas.models.three_lobe.ward import Ward
@@ -33,7 +35,7 @@ def make_standin(material: str) -> Measured:
     Raises UnknownMaterialError (one line with near matches).
     """
     check_name(material)
-    tables = [model.evaluate_grid(published_parameters(model.name, material)) for model in PUBLISHED_MODELS]
+    tables = [_reciprocal_table(model, material) for model in PUBLISHED_MODELS]
     table = _median_of_five(tables)
     table[~above_horizon()] = np.nan
     return Measured(material, table, standin=True)
@@ -44,6 +46,15 @@ def write_standin(material: str, path: str | os.PathLike) -> Measured:
     measured = make_standin(material)
     write_merl(path, measured.table, standin=True)
     return measured
+
+
+def _reciprocal_table(model: LobeModel, material: str) -> np.ndarray:
+    """A published fit on the MERL grid, the mean of both orders of the directions where it is not reciprocal.
+
+    Swapping them turns phi_d by pi, and a mirror image turns that into pi - phi_d.
+    """
+    table = model.evaluate_grid(published_parameters(model.name, material))
+    return table if model.reciprocal else 0.5 * (table + table[:, :, ::-1])
 
 
 def _median_of_five(tables: list[np.ndarray]) -> np.ndarray:

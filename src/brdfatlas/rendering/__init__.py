@@ -67,3 +67,5 @@ def _check(variant: str) -> None:
 
 _registered: set[str] = set()
 _lock = threading.Lock()
+#: Mitsuba may load scenes in several threads, but crashes where two render at once: our renders take turns.
+RENDERING = threading.RLock()

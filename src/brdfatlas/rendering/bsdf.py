@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, above_horizon
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, MeasuredError, extend, extension_index
 from brdfatlas.rendering.arrays import aligned, upload
 from brdfatlas.rendering.density import LIST_LENGTH, N_ELEVATIONS, Density, sampling_density
@@ -62,6 +62,14 @@ def interleave(tables: Sequence[np.ndarray], valid: np.ndarray) -> tuple[np.ndar
     if not np.isfinite(packed).all():
         raise MeasuredError("the table holds NaN or Inf in cells that its reference measured")
     return packed, stride, n_phi
+
+
+def _index(place: Any, last: Any) -> Any:
+    """The whole part of a place from 0 to ``last``, 0 for what is not a number: an index must be within its table."""
+    import drjit as dr
+    import mitsuba as mi
+
+    return mi.UInt32(dr.select(place > 0, dr.minimum(place, last), 0.0))
 
 
 class Reflectance:
@@ -152,10 +160,9 @@ class Reflectance:
 
     def _row(self, wi: Any) -> Any:
         import drjit as dr
-        import mitsuba as mi
 
         place = dr.safe_acos(wi.z) * (2 / np.pi * N_ELEVATIONS)
-        return mi.UInt32(dr.minimum(place, N_ELEVATIONS - 1.0))
+        return _index(place, N_ELEVATIONS - 1.0)
 
     def values(self, angles: tuple[Any, Any, Any], active: Any) -> list[Any]:
         """The BRDF of every table of the group, 1/sr."""
@@ -169,10 +176,7 @@ class Reflectance:
         y = dr.clip(theta_d * (2 / np.pi * N_THETA_D) - 0.5, 0.0, N_THETA_D - 1.0)
         z = phi_d * (N_PHI_D / np.pi) - 0.5
         z = dr.select(z < 0, z + cells, dr.select(z >= cells, z - cells, z))
-        # 0 for what is not a number, for an index must be within the table
-        z = dr.select((z >= 0) & (z < cells), z, 0.0)
-        i, j = mi.UInt32(dr.minimum(x, N_THETA_H - 2.0)), mi.UInt32(dr.minimum(y, N_THETA_D - 2.0))
-        k = mi.UInt32(z)
+        i, j, k = _index(x, N_THETA_H - 2.0), _index(y, N_THETA_D - 2.0), _index(z, cells - 1)
         u, v, w = x - mi.Float(i), y - mi.Float(j), z - mi.Float(k)
         k1 = dr.select(k + 1 == n_phi, mi.UInt32(0), k + 1)
         total = None
@@ -204,10 +208,9 @@ class Reflectance:
     def pdf_at(self, wi: Any, wo: Any, theta_h: Any, incidence: tuple[Any, Any], active: Any) -> Any:
         """Density of ``wo`` in 1/sr for directions above the surface, whose theta_h is known."""
         import drjit as dr
-        import mitsuba as mi
 
         row, weight = incidence
-        cell = mi.UInt32(dr.minimum(self._theta_h_place(theta_h), N_THETA_H - 1.0))
+        cell = _index(self._theta_h_place(theta_h), N_THETA_H - 1.0)
         cell = self._four(self._cells, row * N_THETA_H + cell, active)
         sine = dr.sin(0.5 * theta_h)
         t = dr.clip((2 * sine * sine - cell.x) / cell.y, 0.0, 1.0)

@@ -15,9 +15,9 @@ import numpy as np
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import Fit, is_fit_file, load_fit
-from brdfatlas.formats import read
+from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
-from brdfatlas.rendering import use_variant
+from brdfatlas.rendering import RENDERING, use_variant
 from brdfatlas.rendering.images import ImageError, Render, load_render, read_meta, save_render
 from brdfatlas.rendering.scenes import (
     PreparedScene,
@@ -63,21 +63,22 @@ def render_models(
     from brdfatlas.rendering.bsdf import reflectance_of
 
     check_settings(scene.size, samples, batches)
-    reference = reflectance_of(measured)
-    passes = _stock_pass
-    if dr.is_jit_v(mi.Float):
-        from brdfatlas.rendering.integrator import set_up, share_lanes
+    with RENDERING:
+        reference = reflectance_of(measured)
+        passes = _stock_pass
+        if dr.is_jit_v(mi.Float):
+            from brdfatlas.rendering.integrator import set_up, share_lanes
 
-        setup = set_up(scene)
-        pilot = picture_seed(seed, measured.name, scene.name, "pilot")
-        passes = partial(_shared_pass, setup, share_lanes(setup, reference, samples, pilot))
-    found: dict[str, Render] = {}
-    again = [name for name in tables if name == REFERENCE_AGAIN]
-    for purpose, names in (("picture", [name for name in tables if name not in again]), (REFERENCE_AGAIN, again)):
-        stream = picture_seed(seed, measured.name, scene.name, purpose)
-        chosen = [measured.table if tables[name] is None else tables[name] for name in names]
-        pictures = passes(scene, reference, chosen, samples, batches, stream)
-        found |= {name: _with_labels(scene, parts, samples, stream) for name, parts in zip(names, pictures)}
+            setup = set_up(scene)
+            pilot = picture_seed(seed, measured.name, scene.name, "pilot")
+            passes = partial(_shared_pass, setup, share_lanes(setup, reference, samples, pilot))
+        found: dict[str, Render] = {}
+        again = [name for name in tables if name == REFERENCE_AGAIN]
+        for purpose, names in (("picture", [name for name in tables if name not in again]), (REFERENCE_AGAIN, again)):
+            stream = picture_seed(seed, measured.name, scene.name, purpose)
+            chosen = [measured.table if tables[name] is None else tables[name] for name in names]
+            pictures = passes(scene, reference, chosen, samples, batches, stream)
+            found |= {name: _with_labels(scene, parts, samples, stream) for name, parts in zip(names, pictures)}
     return {name: found[name] for name in tables}
 
 
@@ -145,11 +146,12 @@ def stock_batches(
 
     from brdfatlas.rendering.bsdf import bsdf_of
 
-    loaded = mi.load_dict(mitsuba_scene(scene, bsdf_of(reflectance), integrator={"type": integrator}))
     each = -(-samples // batches)
     # Mitsuba takes 32 bits
     seeds = [(seed * 65536 + number) % 2**32 for number in range(batches)]
-    return np.stack([np.array(mi.render(loaded, spp=each, seed=number), np.float32) for number in seeds])
+    with RENDERING:
+        loaded = mi.load_dict(mitsuba_scene(scene, bsdf_of(reflectance), integrator={"type": integrator}))
+        return np.stack([np.array(mi.render(loaded, spp=each, seed=number), np.float32) for number in seeds])
 
 
 def render_file(

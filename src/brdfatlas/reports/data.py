@@ -16,7 +16,8 @@ from brdfatlas.models import MODELS
 
 FIT_COLUMNS = [
     *("material", "model", "standin", "status", "reason", "seconds", "iterations", "converged"),
-    *("objective", "objective_name", "seed", "bytes", "reciprocity_error", "max_albedo", "bad_cells", "options"),
+    *("objective", "objective_name", "seed", "bytes", "reciprocity_error", "max_albedo", "bad_cells"),
+    *("golden_section_calls", "options"),
 ]
 
 
@@ -219,6 +220,13 @@ def physics_of(record: Mapping[str, Any] | None) -> dict[str, float | None]:
     }
 
 
+def golden_section_calls(record: Mapping[str, Any]) -> int | None:
+    """How often the line search of an alternating fit was called, over its channels; None where none is counted."""
+    channels = (record.get("details") or {}).get("channels") or []
+    counts = [item["golden_section_calls"] for item in channels if "golden_section_calls" in item]
+    return sum(counts) if counts else None
+
+
 def fits_frame(material: Material) -> pd.DataFrame:
     """One row a model: how the fit of this material went and what it violates."""
     rows = []
@@ -238,6 +246,7 @@ def fits_frame(material: Material) -> pd.DataFrame:
                 "seed": record.get("seed"),
                 "bytes": record.get("bytes"),
                 **physics_of(record),
+                "golden_section_calls": golden_section_calls(record),
                 "options": "; ".join(f"{key}={value}" for key, value in (record.get("options") or {}).items()),
             }
         )

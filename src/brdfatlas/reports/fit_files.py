@@ -6,17 +6,19 @@ import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from brdfatlas.export.fit_json import export_json
+from brdfatlas.export.facts import ExportError, with_report
+from brdfatlas.export.targets import ENDINGS as TARGET_ENDINGS
+from brdfatlas.export.targets import STANDARD, export
 from brdfatlas.files import atomic_path, digests, write_json
 from brdfatlas.fits import load_fit
 
 #: Endings of a fit's files, in the order of the page, with what each is for.
 ENDINGS: Mapping[str, str] = {
-    ".npz": "fit: load_fit, Mitsuba plugin",
+    ".npz": "fit: load_fit, our Mitsuba plugin",
     ".json": "parameters as text",
-    ".xml": "Mitsuba scene",
-    ".mtlx": "MaterialX",
-    ".gltf": "glTF",
+    ".xml": "Mitsuba material of stock plugins",
+    ".mtlx": "MaterialX material",
+    ".gltf": "glTF material",
 }
 
 
@@ -32,8 +34,9 @@ def files_of(material_folder: str | Path, model: str) -> list[str]:
 
 
 def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike) -> list[str]:
-    """Copy every good fit (.npz; a failed one is an empty file) into ``folder`` and write its parameters as JSON beside
-    it; returns the names of the files. Files of an earlier run that this one does not write are removed."""
+    """Copy every good fit (.npz; a failed one is an empty file) into ``folder``, with its parameters as JSON and the
+    material of each engine that can hold it exactly; returns the names of the files. Files of an earlier run that this
+    one does not write are removed."""
     folder, written = Path(folder), set()
     for path in map(Path, fits):
         if not path.stat().st_size:
@@ -41,10 +44,15 @@ def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike
         target = folder / path.name
         with atomic_path(target) as temporary:
             shutil.copyfile(path, temporary)
-        export_json(load_fit(path), target.with_suffix(".json"))
-        written |= {target.name, target.with_suffix(".json").name}
+        written.add(target.name)
+        fit = with_report(load_fit(path), path)
+        for name in ("json", *(name for name in STANDARD if name in fit.instance.targets)):
+            try:
+                written |= {made.name for made in export(fit, name, folder / f"{path.stem}{TARGET_ENDINGS[name]}")}
+            except ExportError as error:
+                print(f"{path}: not exported to {name}: {error}")
     for path in folder.glob("*"):
-        if path.name not in written and path.suffix in ENDINGS:
+        if path.name not in written:
             path.unlink()
     return sorted(written)
 

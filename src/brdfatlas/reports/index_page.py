@@ -234,7 +234,8 @@ def list_failures(materials: Sequence[Material], facts: Mapping[str, ModelFacts]
         bad = material.errors[material.errors["status"] != "ok"]
         for model, rows in bad.groupby("model"):
             if model not in failed and model in facts:
-                reason = f"render failed: {', '.join(map(str, rows['scene']))}"
+                told = (f"{row['scene']} ({row.get('reason') or 'no reason given'})" for _, row in rows.iterrows())
+                reason = f"cannot be judged: {', '.join(told)}"
                 found.append(about | {"model": model, "model_title": facts[model].title, "reason": reason})
     return found
 

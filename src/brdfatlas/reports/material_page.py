@@ -12,8 +12,7 @@ import pandas as pd
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.figures.pictures import picture_file
-from brdfatlas.measures.ranking import best_rows
-from brdfatlas.measures.summary import BRDF_MEASURES, BUDGETS, LEADING, MEASURES, PSNR, Summary, best_of
+from brdfatlas.measures.summary import BRDF_MEASURES, BUDGETS, LEADING, MEASURES, PSNR, Summary, best_by_noise, best_of
 from brdfatlas.reports.data import (
     Material,
     ModelFacts,
@@ -174,7 +173,7 @@ def make_entries(
     """Every model on a material, best first by ΔE00, with the best of every column marked and its parameters."""
     order = summary.order(LEADING, material.name)
     entries = [make_entry(material, name, summary.models[name], scenes) for name in order]
-    mark_best(material, entries, scenes)
+    mark_best(material, entries)
     for entry in entries:
         entry.published = published_row(published, entry.name, material.name)
         entry.parameters = parameter_table(entry)
@@ -223,23 +222,20 @@ def make_entry(material: Material, name: str, facts: ModelFacts | None, scenes: 
     reason = ""
     if fit is not None and fit.get("status") != "ok":
         reason = f"fit failed: {' '.join(str(fit.get('reason') or 'no reason given').split())}"
-    bad = [scene.label for scene in scenes if scene.name in by_scene and by_scene[scene.name]["status"] != "ok"]
+    bad = [scene for scene in scenes if scene.name in by_scene and by_scene[scene.name]["status"] != "ok"]
     if not reason and bad:
-        reason = f"render failed: {', '.join(bad)}"
+        told = [f"{scene.label} ({by_scene[scene.name].get('reason') or 'no reason given'})" for scene in bad]
+        reason = f"cannot be judged: {', '.join(told)}"
     title = facts.title if facts else "reference, other seed"
     return Entry(name, title, facts, fit, by_scene, brdf[0] if brdf else None, reason)
 
 
-def mark_best(material: Material, entries: Sequence[Entry], scenes: Sequence[SceneFacts]) -> None:
-    """Mark the best of every picture and measure: PSNR by :func:`best_rows`, others by what is printed."""
+def mark_best(material: Material, entries: Sequence[Entry]) -> None:
+    """Mark the best of every picture and measure (:func:`best_by_noise`)."""
     by_name = {entry.name: entry for entry in entries}
-    for row in best_rows(material.errors, list(by_name), measure="psnr_db").itertuples():
-        by_name[row.model].best.add((row.scene, PSNR.key))
     for measure in MEASURES:
-        for scene in scenes if measure is not PSNR else ():
-            values = {e.name: e.rows[scene.name][measure.key] for e in entries if scene.name in e.rows}
-            for name in best_of(values, measure):
-                by_name[name].best.add((scene.name, measure.key))
+        for row in best_by_noise(material.errors, list(by_name), measure).itertuples():
+            by_name[row.model].best.add((row.scene, measure.key))
     for measure in BRDF_MEASURES:
         for name in best_of({e.name: e.brdf[measure.key] for e in entries if e.brdf and not e.reason}, measure):
             by_name[name].best.add(("brdf", measure.key))

@@ -7,14 +7,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from scipy.cluster.hierarchy import leaves_list, linkage
 
 from brdfatlas.constants import REFERENCE_AGAIN
 from brdfatlas.files import atomic_path
 from brdfatlas.measures.ranking import LEADING, TOLD_APART
+from brdfatlas.measures.summary import Summary
 from brdfatlas.measures.tables import CLASSES, TIE_DB
 from brdfatlas.measures.tsv import read_tsv
-from brdfatlas.reports.data import model_facts
+from brdfatlas.reports.data import model_facts, read_run, summarise_run
 from brdfatlas.reports.pages import find_picture, render_page
 
 #: Columns of the table of classes: measure, its statistics, heading, decimals, whether more is better. Linear PSNR
@@ -34,11 +37,15 @@ def write_standings(
     data: str | os.PathLike,
     figure: str | os.PathLike,
     models: Sequence[str],
+    files: Mapping[str, Mapping[str, Any]] | None = None,
+    statistics: str | os.PathLike | None = None,
     **links: bool,
 ) -> None:
     """Write the page from the tables of :mod:`.tables` in ``tables``, and copies of them into ``data``.
 
-    ``figure``: the sorted errors of all models, of :func:`brdfatlas.figures.summary.plot_summary`.
+    ``figure``: the sorted errors of all models, of :func:`brdfatlas.figures.summary.plot_summary`; ``files``: those of
+    every material, for the statistics of the fits (:func:`.data.read_run`); ``statistics``: Table I of Bagher et al.
+    2016, a CSV, whose rows stand beside ours.
     """
     output, tables = Path(output), Path(tables)
     for name in TABLES:
@@ -61,10 +68,47 @@ def write_standings(
         scenes=scene_rows(summary, models),
         classes=class_rows(summary, models),
         duels=duel_rows(wins, models),
+        statistics=statistics_rows(summarise_run(read_run(files), facts), statistics) if files else [],
         figure=find_picture(output, Path(figure)),
         published=published.to_dict("records"),
+        differs=differences(published),
         data_links=[(f"{name}.tsv", f"data/{name}.tsv") for name in TABLES],
     )
+
+
+def statistics_rows(summary: Summary, published: str | os.PathLike | None) -> list[dict[str, Any]]:
+    """Table I of Bagher et al. 2016 for every model, and the published row below those that it has."""
+    printed: dict[str, dict[str, Any]] = {}
+    if published is not None:
+        printed = {row["model"]: row for row in pd.read_csv(published, comment="#").to_dict("records")}
+    rows = []
+    for model in summary.order():
+        rows.append({"model": model, "published": False} | summary.fitting_statistics(model))
+        if model in printed:
+            rows.append(printed[model] | {"published": True})
+    return rows
+
+
+def differences(published: pd.DataFrame) -> list[tuple[str, list[str]]]:
+    """What differs from the papers, each said once with the sources that it holds for."""
+    notes: dict[str, list[str]] = {}
+    for row in published.to_dict("records"):
+        sources = notes.setdefault(row["note"], [])
+        if row["source"] not in sources:
+            sources.append(row["source"])
+    return list(notes.items())
+
+
+def clustered(duels: pd.DataFrame, names: list[str]) -> list[str]:
+    """Models whose duels end alike side by side, those that win most first."""
+    if len(names) < 3:
+        return names
+    share = (duels["wins"] - duels["losses"]) / duels["count"].clip(lower=1)
+    matrix = share.unstack("other").reindex(index=names, columns=names).fillna(0).to_numpy(float)
+    order = leaves_list(linkage(matrix, "average", optimal_ordering=True))
+    if np.corrcoef(matrix[order].sum(1), np.arange(len(names)))[0, 1] > 0:
+        order = order[::-1]
+    return [names[i] for i in order]
 
 
 def comparable(row: pd.Series) -> bool:
@@ -128,7 +172,7 @@ def duel_rows(wins: pd.DataFrame, models: Sequence[str], measure: str = LEADING)
     cell is None on the diagonal, else wins, ties, losses, their balance in [-1, 1], the mean difference, its standard
     error over materials and whether the difference is told apart from 0 by it."""
     found = wins[(wins["class"] == "all") & (wins["measure"] == measure)].set_index(["model", "other"])
-    names = [name for name in models if name in found.index.get_level_values(0)]
+    names = clustered(found, [name for name in models if name in found.index.get_level_values(0)])
     rows = []
     for model in names:
         cells: list[Mapping[str, Any] | None] = []

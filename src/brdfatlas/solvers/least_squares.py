@@ -206,17 +206,7 @@ def _descend(problem: Problem, start, lower, upper, max_iterations: int, toleran
             except np.linalg.LinAlgError:
                 damping, growth = damping * growth, growth * 2
                 continue
-            # clip each entry: a flat direction asks for a huge step and must not shorten those of the others
-            for bounded in (
-                np.clip(step, -longest[free], longest[free]),
-                step / max(1.0, np.max(np.abs(step) / longest[free])),
-            ):
-                trial = x.copy()
-                trial[free] = np.clip(x[free] + bounded, lower[free], upper[free])
-                move = trial - x
-                predicted = -(2 * gradient @ move + move @ matrix @ move)
-                if predicted > 0:
-                    break
+            trial, predicted = _stepped(x, step, free, longest, (lower, upper), gradient, matrix)
             reached = problem.value(trial)
             if np.isfinite(reached) and reached < value:
                 gain = (value - reached) / predicted if predicted > 0 else 0.0
@@ -237,6 +227,21 @@ def _descend(problem: Problem, start, lower, upper, max_iterations: int, toleran
         if quiet >= 2:
             return x, value, True, iteration, "objective has settled", history
     return x, value, False, max_iterations, f"not converged in {max_iterations} iterations", history
+
+
+def _stepped(x, step, free, longest, box, gradient, matrix) -> tuple[np.ndarray, float]:
+    """x after a step of its free entries, kept in the box and no longer than ``longest``, and by how much the quadratic
+    model falls."""
+    # clip each entry: a flat direction asks for a huge step and must not shorten those of the others
+    clipped = np.clip(step, -longest[free], longest[free])
+    for bounded in (clipped, step / max(1.0, np.max(np.abs(step) / longest[free]))):
+        trial = x.copy()
+        trial[free] = np.clip(x[free] + bounded, box[0][free], box[1][free])
+        move = trial - x
+        predicted = -(2 * gradient @ move + move @ matrix @ move)
+        if predicted > 0:
+            break
+    return trial, predicted
 
 
 def fit_nonlinear(

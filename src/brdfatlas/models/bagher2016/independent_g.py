@@ -78,7 +78,7 @@ def fit_from_starts(channel: Channel, starts: Mapping[str, Factors], options: Ma
     """Follow every start, then the best and those close to it to the end; the best end wins."""
     runs = []
     for name, (d, f, g) in starts.items():
-        problem = FactorProblem(channel, clamp=CLAMP, smoothing=SMOOTHING)
+        problem = FactorProblem(channel, clamp=options.get("clamp", CLAMP), smoothing=SMOOTHING)
         run = Run(name, problem, problem.start(d, f, g))
         run.trace.history.append(run.state.objective)
         if options["accelerate"]:
@@ -144,14 +144,26 @@ class IndependentG(MicrofacetFactors):
     options: Mapping[str, Option] = {
         **ITERATIVE,
         "starts": Option("eight", "the paper's eight starts, or the slices only", ("eight", "slices")),
+        "clamp": Option(
+            CLAMP,
+            "least value of D, F and G as a share of their largest; 1e-6 is published, too much for a peak 1e6 times "
+            "as high as its surroundings, 0 leaves them free",
+            low=0.0,
+            high=0.1,
+        ),
     }
 
     def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:
+        """As :meth:`MicrofacetFactors.fit`; ``details["bound"]`` counts the values of D that lie at the lower bound."""
+        clamp = self.check_options(options)["clamp"]
         result = super().fit(measured, seed=seed, **options)
         d = result.parameters["d"]
-        held = int((d <= CLAMP * (1 + 1e-3)).sum())
+        lit = d[d.max(1) > 0]  # a dark channel has no D
+        held = int((lit <= clamp * (1 + 1e-3)).sum())
+        result.details["bound"] = {"factor": "D", "value": clamp, "held": held, "count": d.size}
         if held:
-            result.message = f"{held} of {d.size} values of D lie at the published lower bound, 1e-6 of its largest"
+            whose = "published lower bound" if clamp == CLAMP else "lower bound"
+            result.message = f"{held} of {d.size} values of D lie at the {whose}, {clamp:g} of its largest"
         return result
 
     def fit_channels(self, measured, weights, seed, options):

@@ -18,12 +18,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, phi_d_centres, theta_d_centres, theta_h_centres
+from brdfatlas.angles import GRID_SHAPE, grid_cosines, phi_d_centres, theta_d_centres, theta_h_centres
 from brdfatlas.compiled import njit
-from brdfatlas.constants import E2_ANGLE, OBJECTIVE_NAMES
+from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.models.base import FitError, Function, Model, Option, Parameters, Result
-from brdfatlas.objectives import least_squares_weights
+from brdfatlas.objectives import e2_weights, least_squares_weights
 from brdfatlas.solvers.least_squares import NoFiniteStartError, Solution, fit_nonlinear, latin_starts
 
 #: The complex step. Its error is of the order of its square, so it may be this small, and nothing cancels.
@@ -164,13 +164,9 @@ class Grid:
 
 def _e2_sums(table: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Weights, weights times ln(1 + rho cos theta_i), and the sum of weights times its square, of Löw 2012's E2."""
-    theta_h, theta_d, _ = grid_axes()
-    keep = (theta_h <= E2_ANGLE) & (theta_d <= E2_ANGLE) & ~np.isnan(table[..., 0])
-    if not keep.any():
-        raise ValueError("no valid sample with theta_h and theta_d within 80 degrees")
     cosine = np.maximum(grid_cosines()[0], 0)[..., None]
     value = np.log1p(np.maximum(np.nan_to_num(table) * cosine, 0)).astype(float)
-    weights = np.repeat((keep / keep.sum())[..., None], 3, -1)
+    weights = np.repeat(e2_weights(~np.isnan(table[..., 0]))[..., None], 3, -1)
     return weights, weights * value, float((weights * value**2).sum())
 
 

@@ -116,8 +116,8 @@ class LobeModel(Model):
         """
         lower, upper = self.box("low"), self.box("high")
         try:
-            weights = _weights(measured.table, objective, np.deg2rad(max_angle), grazing)
-            problem = _LobeProblem(self, measured.table, weights)
+            weights = objective_weights(measured.table, objective, np.deg2rad(max_angle), grazing)
+            problem = LobeProblem(self, measured.table, weights)
             found = fit_separable(
                 problem,
                 latin_starts(starts, self.box("first"), self.box("last"), seed),
@@ -255,7 +255,7 @@ def grid_factors(model: type[LobeModel]) -> tuple[np.ndarray, ...]:
     return found
 
 
-class _LobeProblem:
+class LobeProblem:
     """A weighted sum of squares of a lobe model, by exact sums over phi_d; see ``solvers.least_squares``."""
 
     def __init__(self, model: LobeModel, table: np.ndarray, weights: np.ndarray) -> None:
@@ -299,7 +299,7 @@ def lobe_columns(model: LobeModel, x: np.ndarray, derivatives: bool) -> np.ndarr
     return columns
 
 
-def _weights(table: np.ndarray, objective: str, max_angle: float, grazing: float) -> np.ndarray:
+def objective_weights(table: np.ndarray, objective: str, max_angle: float, grazing: float) -> np.ndarray:
     """Weights whose weighted sum of squares is the objective; E2 starts from the compressive metric's optimum."""
     if objective == "cosine":
         return least_squares_weights(table, "cosine")

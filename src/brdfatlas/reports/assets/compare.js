@@ -1,14 +1,17 @@
-// Compare: two pictures of one material and scene, in place. The words are those of JERI and tev.
+// Compare: pictures of one material and scene, in place. The words and keys are those of JERI and tev.
 "use strict";
 (() => {
   const A = window.ATLAS;
   const $ = (id) => document.getElementById(id);
   if (!A) { $("message").textContent = "data/atlas.js is missing: build the index of this report."; return; }
   const canvas = $("canvas"), context = canvas.getContext("2d");
-  const VIEWS = ["flip", "swipe", "side", "error"];
+  const VIEWS = ["flip", "swipe", "side", "three", "four", "signed", "de00", "flipmap", "noise"];
+  // Maps that the run drew, as pictures: view -> [kind, whose]; colour bars lie beside the style.
+  const MAPS = { de00: "de00", flipmap: "flip", noise: "de00" };
+  const BARS = { de00: "bar-de00.svg", flipmap: "bar-flip.svg", noise: "bar-de00.svg" };
   const MODELS = [{ name: "reference", title: "reference" }, ...A.models];
   const K = A.models.length + 1, J = A.materials.length;
-  const fresh = () => ({ m: A.materials[0].name, s: A.scenes[0].name, a: "reference", b: A.models[0].name, v: "flip", e: 0, z: 1, x: 0.5, y: 0.5, w: 0.5 });
+  const fresh = () => ({ m: A.materials[0].name, s: A.scenes[0].name, a: "reference", b: A.models[A.order[0]].name, v: "flip", e: 0, z: 1, x: 0.5, y: 0.5, w: 0.5 });
   let state = fresh(), flipped = false, pointer = null;
 
   // --- state in the address -----------------------------------------------------------------------------------------
@@ -19,9 +22,10 @@
     if (A.scenes.some((s) => s.name === given.s)) next.s = given.s;
     for (const key of ["a", "b"]) if (MODELS.some((m) => m.name === given[key])) next[key] = given[key];
     if (VIEWS.includes(given.v)) next.v = given.v;
+    if (!given.b) next.b = ranked(next.m, next.s)[0].name;
     for (const key of ["e", "z", "x", "y", "w"]) if (given[key] && Number.isFinite(Number(given[key]))) next[key] = Number(given[key]);
     next.e = Math.min(Math.max(next.e, -8), 8);
-    next.z = Math.min(Math.max(next.z, 1), 32);
+    next.z = Math.min(Math.max(next.z, 1 / 32), 32);
     state = next;
   }
   let ownHash = "";
@@ -34,6 +38,19 @@
     ownHash = `#${words}`;
     history.replaceState(null, "", ownHash);
   }
+
+  // Models of a picture, best first by dE00; those without a picture last.
+  function number(model, key, m = state.m, s = state.s) {
+    const j = A.materials.findIndex((x) => x.name === m), t = A.scenes.findIndex((x) => x.name === s), k = A.models.findIndex((x) => x.name === model);
+    return k < 0 ? null : A.values[key][(t * J + j) * K + k];
+  }
+  function ranked(m = state.m, s = state.s) {
+    return A.models.map((x) => [number(x.name, "de00_mean", m, s), x]).sort(([a], [b]) => (a === null) - (b === null) || a - b).map(([, x]) => x);
+  }
+  const shownModels = () => {
+    const count = { side: 2, three: 3, four: 4 }[state.v] || 2, order = ranked().filter((x) => ![state.a, state.b].includes(x.name)).map((x) => x.name);
+    return [state.a, state.b, ...order].slice(0, count);
+  };
 
   // --- pictures ---------------------------------------------------------------------------------------------------------
   const store = new Map();
@@ -114,20 +131,35 @@
     canvas.dataset.ready = "false";
     if (!scheduled) { scheduled = true; requestAnimationFrame(draw); }
   }
+  const SIDES = ["side", "three", "four"];
+  // Panels side by side; four in two rows, three and two below each other where the stage is upright.
   const panels = () => {
-    const w = canvas.width, h = canvas.height;
-    return state.v === "side" ? [{ x: 0, w: w / 2, h }, { x: w / 2, w: w / 2, h }] : [{ x: 0, w, h }];
+    const w = canvas.width, h = canvas.height, n = SIDES.includes(state.v) ? shownModels().length : 1;
+    const columns = n === 4 ? 2 : h > w ? 1 : n, rows = Math.ceil(n / columns);
+    return Array.from({ length: n }, (_, i) => ({ x: (i % columns) * w / columns, y: Math.floor(i / columns) * h / rows, w: w / columns, h: h / rows }));
   };
+  // A picture that the run drew, for a map; drawn, never read.
+  const drawnMaps = new Map();
+  function mapOf(model) {
+    const kind = MAPS[state.v], whose = state.v === "noise" ? "reference_again" : model, src = `materials/${encodeURIComponent(state.m)}/renders/${encodeURIComponent(state.s)}/${encodeURIComponent(whose)}/${kind}.webp`;
+    if (!drawnMaps.has(src)) {
+      const image = new Image();
+      image.onload = schedule; image.onerror = () => { image.dataset.error = A.reasons[`${state.m}/${model}`] || "this run made no such map"; schedule(); };
+      image.src = src;
+      drawnMaps.set(src, image);
+    }
+    return drawnMaps.get(src);
+  }
   // Where the picture lies in a panel: fitted at zoom 1, then magnified around the point (x, y) of the picture.
   function place(panel, picture) {
     const scale = Math.min(panel.w / picture.width, panel.h / picture.height) * state.z;
-    return { scale, left: panel.x + panel.w / 2 - state.x * picture.width * scale, top: panel.h / 2 - state.y * picture.height * scale };
+    return { scale, left: panel.x + panel.w / 2 - state.x * picture.width * scale, top: panel.y + panel.h / 2 - state.y * picture.height * scale };
   }
   function paint(panel, picture, source, clip) {
     const p = place(panel, picture);
     context.save();
     context.beginPath();
-    context.rect(...(clip || [panel.x, 0, panel.w, panel.h]));
+    context.rect(...(clip || [panel.x, panel.y, panel.w, panel.h]));
     context.clip();
     context.imageSmoothingEnabled = p.scale < 1;
     context.imageSmoothingQuality = "high";
@@ -135,35 +167,37 @@
     context.restore();
   }
   const titleOf = (name) => (MODELS.find((m) => m.name === name) || { title: name }).title;
+  const digits = (v, d) => (v === null ? "–" : v === Infinity ? "∞" : v.toFixed(d));
   function psnr(model) {
-    const j = A.materials.findIndex((m) => m.name === state.m), s = A.scenes.findIndex((x) => x.name === state.s), k = A.models.findIndex((m) => m.name === model);
-    if (k < 0) return "";
-    const place = (s * J + j) * K + k, v = A.values.psnr_db[place];
-    if (v === null) return "failed";
-    return v === Infinity ? "∞ dB" : `${A.values.psnr_se_db[place] === Infinity ? "≥ " : ""}${v.toFixed(1)} dB`;
+    const v = number(model, "psnr_db");
+    return v === null ? "–" : v === Infinity ? "∞" : `${number(model, "psnr_se_db") === Infinity ? "≥ " : ""}${v.toFixed(1)}`;
   }
+  const delta = (model) => (model === "reference" ? "" : number(model, "de00_mean") === null ? "failed" : `ΔE00 ${digits(number(model, "de00_mean"), 2)}`);
   function draw() {
     scheduled = false;
     const ratio = window.devicePixelRatio || 1, box = canvas.getBoundingClientRect();
     canvas.width = Math.max(1, Math.round(box.width * ratio));
     canvas.height = Math.max(1, Math.round(box.height * ratio));
-    const left = load(idOf(state.a)), right = load(idOf(state.b));
-    const both = panels(), single = state.v === "flip" ? (flipped ? left : right) : null;
-    const wanted = single ? [single] : [left, right];
-    const broken = wanted.find((w) => w.error);
-    $("message").textContent = broken ? broken.error : wanted.every((w) => w.picture) ? "" : "loading …";
+    const sides = SIDES.includes(state.v), names = sides ? shownModels() : [state.a, state.b];
+    const entries = names.map((name) => load(idOf(name))), [left, right] = entries, both = panels();
+    const single = state.v === "flip" ? (flipped ? left : right) : null, map = MAPS[state.v] ? mapOf(state.b) : null;
+    const wanted = map ? [] : single ? [single] : entries;
+    const broken = map ? map.dataset.error : (wanted.find((w) => w.error) || {}).error;
+    const ready = !broken && (map ? map.complete && map.naturalWidth > 0 : wanted.every((w) => w.picture));
+    $("message").textContent = broken || (ready ? "" : "loading …");
     const shown = state.v === "flip" ? (flipped ? state.a : state.b) : "";
-    $("tag-left").textContent = state.v === "flip" ? `${titleOf(shown)}  ${psnr(shown)}` : state.v === "error" ? `${titleOf(state.b)} − ${titleOf(state.a)}` : `${titleOf(state.a)}  ${psnr(state.a)}`;
-    $("tag-right").textContent = state.v === "swipe" || state.v === "side" ? `${titleOf(state.b)}  ${psnr(state.b)}` : "";
-    $("tag-right").hidden = !$("tag-right").textContent;
-    canvas.setAttribute("aria-label", `${$("tag-left").textContent} ${$("tag-right").textContent}, material ${state.m}, scene ${state.s}`);
+    const tag = (name) => `${titleOf(name)}  ${delta(name)}`.trim();
+    const words = sides ? names.map(tag) : [state.v === "flip" ? tag(shown) : state.v === "swipe" ? tag(state.a) : state.v === "signed" ? `${titleOf(state.b)} − ${titleOf(state.a)}` : state.v === "noise" ? "ΔE00 of the reference with another seed" : `${{ de00: "ΔE00", flipmap: "FLIP" }[state.v]} of ${titleOf(state.b)}`, ...(state.v === "swipe" ? [tag(state.b)] : [])];
+    const at_ = (i) => (state.v === "swipe" ? (i ? { right: ".5rem", top: ".5rem" } : { left: ".5rem", top: ".5rem" }) : { left: `calc(${both[i].x / ratio}px + .5rem)`, top: `calc(${both[i].y / ratio}px + .5rem)` });
+    $("tags").replaceChildren(...words.map((text, i) => { const span = document.createElement("span"); span.className = "tag"; span.textContent = text; Object.assign(span.style, at_(i)); return span; }));
+    canvas.setAttribute("aria-label", `${words.join("; ")}, material ${state.m}, scene ${state.s}`);
     canvas.dataset.shown = shown;
-    const ready = !broken && wanted.every((w) => w.picture);
     canvas.dataset.ready = String(ready);
     if (!ready) return;
-    if (single) paint(both[0], single.picture, developed(single.picture));
-    else if (state.v === "side") { paint(both[0], left.picture, developed(left.picture)); paint(both[1], right.picture, developed(right.picture)); }
-    else if (state.v === "error") paint(both[0], left.picture, errorMap(left.picture, right.picture));
+    if (map) paint(both[0], { width: map.naturalWidth, height: map.naturalHeight }, map);
+    else if (single) paint(both[0], single.picture, developed(single.picture));
+    else if (sides) entries.forEach((e, i) => paint(both[i], e.picture, developed(e.picture)));
+    else if (state.v === "signed") paint(both[0], left.picture, errorMap(left.picture, right.picture));
     else {
       const cut = Math.round(state.w * canvas.width);
       paint(both[0], left.picture, developed(left.picture), [0, 0, cut, canvas.height]);
@@ -171,7 +205,9 @@
       context.fillStyle = "#fff";
       context.fillRect(cut - ratio, 0, 2 * ratio, canvas.height);
     }
-    if (state.v === "side") { context.fillStyle = "#fff"; context.fillRect(canvas.width / 2 - ratio / 2, 0, ratio, canvas.height); }
+    if (sides) { context.strokeStyle = "#fff"; context.lineWidth = ratio; for (const p of both) context.strokeRect(p.x, p.y, p.w, p.h); }
+    const base = wanted[0]?.picture || { width: map.naturalWidth, height: map.naturalHeight };
+    $("zoom").textContent = `${Math.round(100 * place(both[0], base).scale / ratio)} %`;
     const at = pointer ? null : aim();
     if (at) {
       for (const [colour, wide] of [["#000", 3], ["#fff", 1]]) {
@@ -185,22 +221,24 @@
   function aim() {
     if (pointer || !canvas.matches(":focus-visible")) return pointer;
     const panel = panels()[0];
-    return { x: panel.x + panel.w / 2, y: panel.h / 2 };
+    return { x: panel.x + panel.w / 2, y: panel.y + panel.h / 2 };
   }
   function pixelAt() {
     const picture = (store.get(idOf(state.a)) || {}).picture || (store.get(idOf(state.b)) || {}).picture, from = aim();
     if (!from || !picture) return null;
-    const panel = panels().find((p) => from.x >= p.x && from.x < p.x + p.w) || panels()[0], p = place(panel, picture);
+    const panel = panels().find((p) => from.x >= p.x && from.x < p.x + p.w && from.y >= p.y && from.y < p.y + p.h) || panels()[0], p = place(panel, picture);
     const x = Math.floor((from.x - p.left) / p.scale), y = Math.floor((from.y - p.top) / p.scale);
     return x >= 0 && y >= 0 && x < picture.width && y < picture.height ? { x, y } : null;
   }
   function pixels() {
-    const at = pixelAt();
-    if (!at) { $("pixel").textContent = "Point at the picture."; return; }
-    const line = (name, v) => `${name.slice(0, 14).padEnd(15)}${v.map((c) => c.toPrecision(4).padStart(10)).join("")}`;
-    const value = (model) => { const e = store.get(idOf(model)); return e && e.picture ? [0, 1, 2].map((c) => e.picture.rgb[3 * (at.y * e.picture.width + at.x) + c]) : [NaN, NaN, NaN]; };
+    const at = pixelAt(), rows = [...$("pixel").tBodies[0].rows];
+    const value = (model) => { const e = store.get(idOf(model)); return at && e && e.picture ? [0, 1, 2].map((c) => e.picture.rgb[3 * (at.y * e.picture.width + at.x) + c]) : [NaN, NaN, NaN]; };
     const a = value(state.a), b = value(state.b);
-    $("pixel").textContent = [`x ${at.x}  y ${at.y}`.padEnd(15) + ["R", "G", "B"].map((c) => c.padStart(10)).join(""), line(titleOf(state.a), a), line(titleOf(state.b), b), line("difference", b.map((v, c) => v - a[c]))].join("\n");
+    $("place").textContent = at ? `x ${at.x}  y ${at.y}` : "Point at the picture.";
+    [[titleOf(state.a), a], [titleOf(state.b), b], ["difference", b.map((v, c) => v - a[c])]].forEach(([name, values], i) => {
+      rows[i].cells[0].textContent = name;
+      values.forEach((v, c) => { rows[i].cells[c + 1].textContent = Number.isNaN(v) ? "–" : v.toPrecision(4).replace("-", "−"); });
+    });
   }
 
   // --- controls -------------------------------------------------------------------------------------------------------------
@@ -208,14 +246,25 @@
   A.materials.forEach((m) => $("material").append(option(m.name, m.standin ? `${m.title} (stand-in)` : m.title)));
   A.scenes.forEach((s) => $("scene").append(option(s.name, s.title)));
   MODELS.forEach((m) => { $("a").append(option(m.name, m.title)); $("b").append(option(m.name, m.title)); });
-  MODELS.slice(1).forEach((m, i) => {
-    const li = document.createElement("li"), button = document.createElement("button"), key = document.createElement("kbd"), name = document.createElement("span"), number = document.createElement("span");
-    button.type = "button"; button.dataset.model = m.name; number.className = "value"; name.textContent = m.title + (m.status ? ` (${m.status})` : "");
-    if (i < 20) key.textContent = `${i >= 10 ? "⇧" : ""}${(i + 1) % 10}`;
-    button.append(i < 20 ? key : document.createElement("span"), name, number);
-    button.addEventListener("click", () => change({ b: m.name }));
-    li.append(button); $("list").append(li);
-  });
+  // The list: the reference, then the models best first; its order is that of the keys.
+  const make = (name, className, text = "") => Object.assign(document.createElement(name), { className, textContent: text });
+  function drawList() {
+    const order = ranked(), focused = document.activeElement?.dataset?.model;
+    $("list").replaceChildren(...["reference", ...order.map((m) => m.name)].map((name, i) => {
+      const li = document.createElement("li"), button = make("button", ""), image = make("img", ""), words = make("span", "words"), key = make("kbd", "", i === 0 ? "`" : i <= 9 ? String(i) : "");
+      button.type = "button"; button.dataset.model = name;
+      button.setAttribute("aria-pressed", String(name === state.b));
+      image.src = `materials/${encodeURIComponent(state.m)}/renders/${encodeURIComponent(state.s)}/${encodeURIComponent(name)}/render.webp`;
+      image.alt = ""; image.width = image.height = 40; image.loading = "lazy";
+      if (name !== "reference" && number(name, "de00_mean") === null) image.hidden = true;
+      words.append(make("span", "name", titleOf(name)), make("span", "value", name === "reference" ? "" : number(name, "de00_mean") === null ? "failed" : `ΔE00 ${digits(number(name, "de00_mean"), 2)} · FLIP ${digits(number(name, "flip_mean"), 3)} · ${psnr(name)} dB`));
+      button.append(image, words, key.textContent ? key : make("span", ""));
+      button.addEventListener("click", () => change({ b: name }));
+      li.append(button);
+      return li;
+    }));
+    if (focused) $("list").querySelector(`button[data-model="${CSS.escape(focused)}"]`)?.focus();
+  }
   $("error-bar").replaceChildren("−1 darker", Object.assign(document.createElement("span"), { className: "ramp", role: "img", ariaLabel: "Colour scale of the difference, from -1 to 1, root scale" }), "+1 brighter (1 = white at this exposure, root scale)");
   $("error-bar").querySelector(".ramp").style.background = `linear-gradient(90deg,${RDBU.map((c) => `rgb(${c})`)})`;
   function change(parts) {
@@ -233,30 +282,48 @@
     $("material").value = state.m; $("scene").value = state.s; $("a").value = state.a; $("b").value = state.b; $("view").value = state.v;
     $("exposure").value = state.e;
     $("stops").textContent = `${state.e > 0 ? "+" : ""}${+state.e.toFixed(2)} stops`.replace("-", "−");
-    $("error-bar").hidden = state.v !== "error";
+    $("error-bar").hidden = state.v !== "signed";
+    $("map-bar").hidden = !BARS[state.v];
+    if (BARS[state.v]) $("map-bar").src = `assets/${BARS[state.v]}`;
+    $("exposure").disabled = Boolean(MAPS[state.v]);
     $("divider-label").hidden = $("divided").hidden = state.v !== "swipe";
     $("divider").value = 100 * state.w;
     $("divided").textContent = `${Math.round(100 * state.w)} %`;
     document.title = `${material.title}${material.standin ? " (stand-in)" : ""}: ${titleOf(state.b)} · BRDF atlas`;
-    document.querySelectorAll("#list button").forEach((button) => {
-      button.setAttribute("aria-pressed", String(button.dataset.model === state.b));
-      button.querySelector(".value").textContent = psnr(button.dataset.model);
-    });
-    $("status").textContent = `${material.title}, ${A.scenes.find((s) => s.name === state.s).title}: ${titleOf(state.a)} and ${titleOf(state.b)}${psnr(state.b) ? `, ${psnr(state.b)}` : ""}`;
+    drawList();
+    $("status").textContent = `${material.title}, ${A.scenes.find((s) => s.name === state.s).title}: ${titleOf(state.a)} and ${titleOf(state.b)}${delta(state.b) ? `, ${delta(state.b)}` : ""}`;
   }
   const step = (list, name, by) => list[(list.findIndex((x) => x.name === name) + by + list.length) % list.length].name;
   for (const [id, key] of [["material", "m"], ["scene", "s"], ["a", "a"], ["b", "b"], ["view", "v"]]) $(id).addEventListener("change", (e) => change({ [key]: e.target.value }));
   $("exposure").addEventListener("input", (e) => change({ e: Number(e.target.value) }));
   const divide = (w) => change({ w: Math.min(Math.max(w, 0), 1) });
   $("divider").addEventListener("input", (e) => divide(Number(e.target.value) / 100));
+  // After a choice in a drop-down the keys are the picture's again.
+  for (const id of ["material", "scene", "a", "b", "view"]) $(id).addEventListener("change", () => canvas.focus({ preventScroll: true }));
+  const actual = () => { const picture = anyPicture(); if (picture) { const p = panels()[0], fitted = Math.min(p.w / picture.width, p.h / picture.height); change({ z: Math.min(Math.max((window.devicePixelRatio || 1) / fitted, 1 / 32), 32) }); } };
+  $("actual").addEventListener("click", actual);
+  $("fit").addEventListener("click", () => change({ z: 1, x: 0.5, y: 0.5 }));
+  $("copy").addEventListener("click", async () => {
+    try { await navigator.clipboard.writeText(location.href); $("status").textContent = "The link is copied."; } catch { $("status").textContent = `The link: ${location.href}`; }
+  });
+  $("save").addEventListener("click", () => {
+    try {
+      const link = document.createElement("a");
+      link.href = canvas.toDataURL("image/png");
+      link.download = `${state.m}-${state.s}-${state.b}-${state.v}.png`;
+      link.click();
+    } catch { $("status").textContent = "The browser does not let a page from a file save this map; save the picture file instead."; }
+  });
   const reset = () => { flipped = false; change({ e: 0, z: 1, x: 0.5, y: 0.5, w: 0.5 }); };
   $("reset").addEventListener("click", reset);
   $("help-button").addEventListener("click", () => $("help").showModal());
-  const zoom = (factor) => change({ z: Math.min(Math.max(state.z * factor, 1), 32) });
+  const zoom = (factor) => change({ z: Math.min(Math.max(state.z * factor, 1 / 4), 32) });
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
-    if (event.target.matches("select, input")) return;
-    if (event.target.matches("button") && (event.key === " " || event.key === "Enter")) return;
+    // Space and digits belong to the picture wherever the focus is, except in a field for text; arrows to what has them.
+    if (event.target.matches("input:not([type=range]), textarea")) return;
+    if (event.target.matches("select, input") && !(event.key === " " || event.key === "`" || /^Digit\d$/.test(event.code))) return;
+    if (event.target.matches("a, button") && event.key === "Enter") return;
     const pan = event.shiftKey ? { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key] : null;
     if (pan) {
       event.preventDefault();
@@ -266,30 +333,33 @@
     }
     const digit = /^Digit(\d)$/.exec(event.code);
     const act = {
+      "`": () => { if (state.v !== "flip") change({ v: "flip" }); flipped = true; schedule(); }, "1:1": actual, f: () => change({ z: 1, x: 0.5, y: 0.5 }), o: actual,
       " ": () => { flipped = !flipped; if (state.v !== "flip") change({ v: "flip" }); schedule(); },
       e: () => change({ e: Math.min(state.e + 0.5, 8) }), E: () => change({ e: Math.max(state.e - 0.5, -8) }),
       ArrowRight: () => change({ m: step(A.materials, state.m, 1) }), ArrowLeft: () => change({ m: step(A.materials, state.m, -1) }),
-      ArrowDown: () => change({ b: step(MODELS, state.b, 1) }), ArrowUp: () => change({ b: step(MODELS, state.b, -1) }),
+      ArrowDown: () => change({ b: step([MODELS[0], ...ranked()], state.b, 1) }), ArrowUp: () => change({ b: step([MODELS[0], ...ranked()], state.b, -1) }),
       r: reset, v: () => change({ v: VIEWS[(VIEWS.indexOf(state.v) + 1) % VIEWS.length] }), s: () => change({ s: step(A.scenes, state.s, 1) }),
       "?": () => $("help").showModal(), ",": () => divide(state.w - 0.05), ".": () => divide(state.w + 0.05), "+": () => zoom(1.5), "=": () => zoom(1.5), "-": () => zoom(1 / 1.5),
     }[event.key];
     if (act) { event.preventDefault(); act(); return; }
     if (digit) {
-      const index = ((Number(digit[1]) + 9) % 10) + (event.shiftKey ? 10 : 0);
-      if (index < A.models.length) { event.preventDefault(); change({ b: A.models[index].name }); }
+      const index = ((Number(digit[1]) + 9) % 10) + (event.shiftKey ? 10 : 0), order = ranked();
+      if (index < order.length) { event.preventDefault(); change({ b: order[index].name }); }
     }
   });
+  // Browsers press a button on the release of Space: it has flipped already.
+  document.addEventListener("keyup", (event) => { if (event.key === " " && event.target.matches("button")) event.preventDefault(); });
   const local = (event) => { const box = canvas.getBoundingClientRect(), k = canvas.width / box.width; return { x: (event.clientX - box.left) * k, y: (event.clientY - box.top) * k }; };
   const anyPicture = () => (store.get(idOf(state.a)) || {}).picture || (store.get(idOf(state.b)) || {}).picture;
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
     const picture = anyPicture();
     if (!picture) return;
-    const at = local(event), panel = panels().find((p) => at.x >= p.x && at.x < p.x + p.w) || panels()[0], before = place(panel, picture);
-    const z = Math.min(Math.max(state.z * 2 ** (-event.deltaY / 300), 1), 32);
+    const at = local(event), panel = panels().find((p) => at.x >= p.x && at.x < p.x + p.w && at.y >= p.y && at.y < p.y + p.h) || panels()[0], before = place(panel, picture);
+    const z = Math.min(Math.max(state.z * 2 ** (-event.deltaY / 300), 1 / 4), 32);
     // The point under the pointer stays where it is.
     const px = (at.x - before.left) / before.scale, py = (at.y - before.top) / before.scale, scale = before.scale * z / state.z;
-    change({ z, x: z === 1 ? 0.5 : (px - (at.x - panel.x - panel.w / 2) / scale) / picture.width, y: z === 1 ? 0.5 : (py - (at.y - panel.h / 2) / scale) / picture.height });
+    change({ z, x: z <= 1 ? 0.5 : (px - (at.x - panel.x - panel.w / 2) / scale) / picture.width, y: z <= 1 ? 0.5 : (py - (at.y - panel.y - panel.h / 2) / scale) / picture.height });
   }, { passive: false });
   let drag = null;
   canvas.addEventListener("pointerdown", (event) => {
@@ -319,6 +389,7 @@
     const next = MODELS.map((m) => idOf(m.name)).find((id) => !store.has(id));
     if (next) { load(next).waiting.then(() => idle(ahead)); } else setTimeout(() => idle(ahead), 400);
   }
+  window.addEventListener("pageshow", () => { read(); sync(); schedule(); });
   read(); sync(); write(); schedule();
   load(idOf(state.a)).waiting.then(() => load(idOf(state.b)).waiting).then(() => idle(ahead));
 })();

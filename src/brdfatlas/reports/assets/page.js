@@ -105,6 +105,7 @@
     room.observe(box);
     for (const child of box.children) room.observe(child);
   }
+  document.addEventListener("toggle", (event) => event.target.querySelectorAll(".scroll").forEach(cue), true);
   // A copy button for every snippet.
   function copies(button) {
     button.addEventListener("click", async () => {

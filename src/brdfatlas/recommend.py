@@ -1,0 +1,255 @@
+"""Which model to take for a material, and its files: every candidate fitted, rendered small, ranked by dE00.
+
+    found = brdfatlas.recommend("chrome.binary", budget=64)
+    found.winner.model, found.fits[found.winner.model]
+    found.save("chrome-recommended")
+
+Fits run in worker processes. So a script keeps its own code behind ``if __name__ == "__main__":``, or asks for
+``processes=1``.
+"""
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from brdfatlas.constants import REFERENCE
+from brdfatlas.files import atomic_path, write_json
+from brdfatlas.fits import Fit, fit
+from brdfatlas.formats.reader import read
+from brdfatlas.measured import Measured
+from brdfatlas.measures.recommendation import Candidate, choose
+from brdfatlas.models import MODELS, Entry
+
+if TYPE_CHECKING:
+    from brdfatlas.measures.errors import Tone
+    from brdfatlas.rendering.images import Render
+
+#: Targets that ``target`` may name: materials that hold a model exactly.
+TARGETS = ("mitsuba", "materialx", "gltf")
+SCENE = "studio_sphere"
+
+
+@dataclass(frozen=True)
+class Row(Candidate):
+    """A candidate with the other numbers of its picture; ``reason`` says why one has none."""
+
+    flip: float = float("nan")
+    psnr_db: float = float("nan")
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """What was tried on a material and what came out best.
+
+    ``rows``: best first, those without a picture last. ``winner``: None where nothing meets the conditions. ``fits``
+    and ``renders`` by entry; ``renders["reference"]`` is the material itself, ``tone`` how pictures are shown.
+    """
+
+    material: str
+    rows: tuple[Row, ...]
+    winner: Row | None
+    fits: Mapping[str, Fit]
+    renders: Mapping[str, "Render"]
+    tone: "Tone"
+
+    def table(self) -> str:
+        """The rows as text, the winner marked."""
+        lines = [f"  {'model':18} {'dE00':>6} {'FLIP':>7} {'PSNR':>7} {'bytes':>9} {'seconds':>8}  exportable to"]
+        for row in self.rows:
+            mark = ">" if row is self.winner else " "
+            if row.reason:
+                lines.append(f"{mark} {row.model:18} {row.reason}")
+                continue
+            lines.append(
+                f"{mark} {row.model:18} {row.de00:6.2f} {row.flip:7.4f} {row.psnr_db:7.2f} {row.bytes:9,} "
+                f"{row.seconds:8.2f}  {', '.join(row.targets) or '-'}"
+            )
+        return "\n".join(lines)
+
+    def save(self, folder: str | os.PathLike) -> list[Path]:
+        """Write the winner's fit and all its exports (a MERL table has ``brdfatlas table``), a picture of the material
+        beside it, and the table; returns the files. ValueError without a winner."""
+        from brdfatlas.export.targets import ENDINGS, export, targets_of
+
+        if self.winner is None:
+            raise ValueError(f"{self.material}: no model meets the conditions, there is nothing to write")
+        chosen = self.fits[self.winner.model]
+        folder = Path(folder)
+        stem = folder / f"{self.material}-{self.winner.model}"
+        more = {"dE00 after rendering": f"{self.winner.de00:.3f} (scene {SCENE})"}
+        fit_file = Path(f"{stem}.npz")
+        chosen.save(fit_file)
+        files = [fit_file]
+        for target in targets_of(chosen):
+            if target != "merl":
+                files += [
+                    path for path in export(chosen, target, f"{stem}{ENDINGS[target]}", more) if path not in files
+                ]
+        files += [folder / "side-by-side.png", folder / "recommendation.json"]
+        self.picture(files[-2])
+        rows = [asdict(row) for row in self.rows]
+        write_json(files[-1], {"material": self.material, "winner": self.winner.model, "models": rows})
+        return files
+
+    def picture(self, path: str | os.PathLike, height: int = 384) -> None:
+        """The material (left) and the winner's fit (right) under one light, as PNG."""
+        from PIL import Image, ImageDraw
+
+        from brdfatlas.rendering.images import tone_map
+
+        assert self.winner is not None
+        names = {REFERENCE: self.material, self.winner.model: f"{self.winner.model}  dE00 {self.winner.de00:.2f}"}
+        canvas = Image.new("RGB", (2 * height, height + 24), "white")
+        draw = ImageDraw.Draw(canvas)
+        for column, (name, words) in enumerate(names.items()):
+            shown = np.rint(255 * tone_map(self.renders[name].mean, *self.tone)).astype(np.uint8)
+            canvas.paste(
+                Image.fromarray(shown).resize((height, height), Image.Resampling.BICUBIC), (column * height, 0)
+            )
+            draw.text((column * height + 6, height + 6), words, fill="black")
+        with atomic_path(path) as temporary:
+            canvas.save(temporary)
+
+
+def recommend(
+    measured: Measured | str | os.PathLike,
+    *,
+    budget: int | None = None,
+    target: str | None = None,
+    models: Sequence[str] | None = None,
+    seed: int = 0,
+    processes: int = 2,
+    size: int = 96,
+    samples: int = 64,
+    progress: Callable[[str], object] | None = None,
+) -> Recommendation:
+    """Fit every candidate, render all in one pass, rank by dE00.
+
+    ``budget``: at most so many bytes. ``target``: "mitsuba", "materialx" or "gltf", whose own material must be exactly
+    the model; only such models are fitted then. ``models``: entries to try, all by default. ``size`` in pixels and
+    ``samples`` a pixel of the pictures. ``progress`` is called with a line after each step.
+
+    Raises ValueError (MeasuredError) for a file that cannot be read or an unknown target, KeyError for an unknown
+    model. A model without a fit for this material has a row with the reason.
+    """
+    if target is not None and target not in TARGETS:
+        raise ValueError(f"unknown target {target!r}; known targets: {', '.join(TARGETS)}")
+    tell = progress or (lambda line: None)
+    measured = measured if isinstance(measured, Measured) else read(measured)
+    entries = [MODELS.entry(name) for name in (models if models is not None else MODELS)]
+    if target is not None:
+        entries = [entry for entry in entries if target in entry.instance.targets]
+    fits: dict[str, Fit] = {}
+    reasons: dict[str, str] = {}
+    for count, (name, outcome) in enumerate(_fit_all(measured, entries, seed, processes), 1):
+        if isinstance(outcome, Fit):
+            fits[name], note = outcome, f"{outcome.report['seconds']:.2f} s"
+        else:
+            reasons[name] = note = outcome
+        tell(f"fit {count}/{len(entries)} {name}: {note}")
+    fits = {entry.name: fits[entry.name] for entry in entries if entry.name in fits}
+    tell(f"rendering {len(fits)} fits, {size} x {size}")
+    renders, tone, bad = _render(measured, fits, size, samples, seed)
+    rows = _rows(entries, fits, renders, tone, reasons | bad)
+    conditions = {"budget": budget, "target": target}
+    winner = choose(rows, **conditions)  # type: ignore[arg-type]
+    return Recommendation(measured.name, tuple(rows), winner, fits, renders, tone)  # type: ignore[arg-type]
+
+
+# Fits in workers -------------------------------------------------------------------------------------------------
+
+_measured: Measured | None = None
+
+
+def _remember(measured: Measured) -> None:
+    global _measured
+    _measured = measured
+
+
+def _fit_one(entry: Entry, seed: int) -> tuple[str, Fit | str]:
+    """A fit, or in one line why there is none: a model that fails must not hide what the others can do."""
+    assert _measured is not None
+    try:
+        return entry.name, fit(entry, _measured, seed=seed)
+    except (MemoryError, OSError):
+        raise
+    except Exception as error:
+        return entry.name, f"{type(error).__name__}: {error}".splitlines()[0]
+
+
+def _fit_all(
+    measured: Measured, entries: Sequence[Entry], seed: int, processes: int
+) -> Iterator[tuple[str, Fit | str]]:
+    """Outcomes as they come. Large fits first, because they take longest and nobody should wait for a last one."""
+    order = sorted(entries, key=lambda entry: -entry.bytes)
+    if processes <= 1 or len(order) < 2:
+        _remember(measured)
+        yield from (_fit_one(entry, seed) for entry in order)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(processes, len(order)), context, _remember, (measured,)) as pool:
+        futures = [pool.submit(_fit_one, entry, seed) for entry in order]
+        yield from (future.result() for future in as_completed(futures))
+
+
+# Pictures --------------------------------------------------------------------------------------------------------
+
+
+def _render(
+    measured: Measured, fits: Mapping[str, Fit], size: int, samples: int, seed: int
+) -> tuple[dict[str, "Render"], "Tone", dict[str, str]]:
+    """Pictures of the reference and of all fits that are finite where it was measured; why others have none."""
+    from brdfatlas.measures.errors import Tone
+    from brdfatlas.rendering import use_variant
+    from brdfatlas.rendering.jobs import render_models
+    from brdfatlas.rendering.scenes import prepare_scene, read_scenes
+
+    use_variant()
+    definition = read_scenes()[SCENE]
+    scene = prepare_scene(SCENE, definition, size)
+    tables: dict[str, np.ndarray | None] = {REFERENCE: None}
+    bad = {}
+    for name, fitted in fits.items():
+        table = fitted.table()
+        if np.isfinite(table[:, :, : measured.valid.shape[2]][measured.valid]).all():
+            tables[name] = table
+        else:
+            bad[name] = "the fit is not finite where the material was measured"
+    renders = render_models(scene, measured, tables, samples=samples, seed=seed)
+    return renders, Tone(float(definition["exposure"]), float(definition["gamma"])), bad
+
+
+def _rows(
+    entries: Iterable[Entry],
+    fits: Mapping[str, Fit],
+    renders: Mapping[str, "Render"],
+    tone: "Tone",
+    reasons: Mapping[str, str],
+) -> list[Row]:
+    """A row an entry, least dE00 first."""
+    from brdfatlas.measures.errors import image_errors
+
+    rows = []
+    for entry in entries:
+        model = entry.instance
+        known: dict[str, Any] = {
+            "model": entry.name,
+            "reciprocal": model.reciprocal,
+            "status": model.status,
+            "targets": model.targets,
+        }
+        if entry.name in reasons:
+            rows.append(Row(de00=float("nan"), bytes=entry.bytes, reason=reasons[entry.name], **known))
+            continue
+        errors = image_errors(renders[REFERENCE], renders[entry.name], tone)
+        known |= {"bytes": fits[entry.name].bytes, "seconds": fits[entry.name].report["seconds"]}
+        shown = {"de00": errors["de00_mean"], "flip": errors["flip_mean"], "psnr_db": errors["psnr_db"]}
+        rows.append(Row(**shown, **known))
+    return sorted(rows, key=lambda row: (not np.isfinite(row.de00), np.nan_to_num(row.de00), row.bytes, row.model))

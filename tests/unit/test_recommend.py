@@ -1,0 +1,99 @@
+import json
+
+import numpy as np
+import pytest
+from test_engine_models import drawn, synthetic
+
+import brdfatlas
+from brdfatlas.cli import main
+from brdfatlas.export.gltf import read_gltf_material
+from brdfatlas.fits import load_fit
+from brdfatlas.models import MODELS
+from brdfatlas.recommend import Recommendation, Row
+
+SMALL = {"processes": 1, "size": 24, "samples": 16}
+
+
+@pytest.fixture(scope="module")
+def material():
+    return synthetic("gltf", drawn("gltf", 11, 0.3, 0.7))
+
+
+@pytest.fixture(scope="module")
+def found(material) -> Recommendation:
+    told = []
+    made = brdfatlas.recommend(material, models=["lambert", "ggx_diffuse", "gltf"], progress=told.append, **SMALL)
+    assert len(told) == 4
+    return made
+
+
+def test_the_model_that_made_the_material_wins(found):
+    assert found.winner.model == "gltf"
+    assert [row.de00 for row in found.rows] == sorted(row.de00 for row in found.rows)
+    assert found.winner.de00 < 0.2 < found.rows[-1].de00
+    assert found.rows[-1].model == "lambert"
+    table = found.table()
+    for word in ("dE00", "FLIP", "PSNR", "bytes", "seconds", "exportable to", "> gltf"):
+        assert word in table
+
+
+def test_a_budget_leaves_what_fits_in_it(material):
+    bound = brdfatlas.recommend(material, models=["lambert", "gltf"], budget=12, **SMALL)
+    assert bound.winner.model == "lambert"
+    assert brdfatlas.recommend(material, models=["lambert"], budget=11, **SMALL).winner is None
+
+
+def test_a_target_fits_only_models_that_it_is_exactly(material):
+    exact = brdfatlas.recommend(material, models=["ggx_diffuse", "lambert", "gltf"], target="gltf", **SMALL)
+    assert {row.model for row in exact.rows} == {"lambert", "gltf"}
+    assert all("gltf" in row.targets for row in exact.rows)
+
+
+def test_workers_find_the_same_fits(material, found):
+    again = brdfatlas.recommend(material, models=["lambert", "gltf"], **(SMALL | {"processes": 2}))
+    for name in ("lambert", "gltf"):
+        assert again.fits[name] == found.fits[name]
+
+
+def test_everything_of_the_winner_is_written(found, tmp_path):
+    files = found.save(tmp_path)
+    assert {path.suffix for path in files} == {".npz", ".xml", ".mtlx", ".gltf", ".json", ".png"}
+    assert all(path.is_file() for path in files)
+    (npz,) = (path for path in files if path.suffix == ".npz")
+    assert load_fit(npz) == found.fits["gltf"]
+    factors = read_gltf_material(npz.with_suffix(".gltf"))
+    assert np.float32(factors["roughnessFactor"]) == found.fits["gltf"].parameters["roughness"][0]
+    assert f"{found.winner.de00:.3f}" in npz.with_suffix(".gltf").read_text()
+    told = json.loads((tmp_path / "recommendation.json").read_text())
+    assert told["winner"] == "gltf"
+    assert [row["model"] for row in told["models"]] == [row.model for row in found.rows]
+
+
+def test_a_model_that_fails_is_a_row_that_says_why(material, monkeypatch):
+    def fail(*args, **options):
+        raise brdfatlas.models.base.FitError("no start is finite")
+
+    monkeypatch.setattr(type(MODELS["ggx_diffuse"]), "fit", fail)
+    made = brdfatlas.recommend(material, models=["ggx_diffuse", "lambert"], **SMALL)
+    assert made.winner.model == "lambert"
+    assert made.rows[-1].model == "ggx_diffuse"
+    assert "no start is finite" in made.rows[-1].reason
+    assert "no start is finite" in made.table()
+
+
+def test_nothing_is_written_without_a_winner(found, tmp_path):
+    none = Recommendation("made", (Row("lambert", float("nan"), 12),), None, {}, {}, found.tone)
+    with pytest.raises(ValueError, match="nothing to write"):
+        none.save(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_faults_are_known_before_any_fit(tmp_path, capsys):
+    with pytest.raises(ValueError, match="unknown target 'unreal'; known targets: mitsuba, materialx, gltf"):
+        brdfatlas.recommend(tmp_path / "none.binary", target="unreal")
+    (tmp_path / "file").write_text("")
+    for arguments in (["none.binary"], ["none.binary", "-o", "file"]):
+        assert main(["recommend", *(a if a.startswith("-") else str(tmp_path / a) for a in arguments)]) == 1
+        captured = capsys.readouterr()
+        assert len(captured.err.strip().splitlines()) == 1
+        assert "fit 1" not in captured.err
