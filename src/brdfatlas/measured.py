@@ -88,6 +88,12 @@ class Measured:
         """rgb in 1/sr at directions (..., 3), trilinear, extended beyond the horizon; 0 below the surface."""
         return look_up(self.extended, wi, wo)
 
+    def evaluate_measured(self, wi, wo) -> np.ndarray:
+        """As :meth:`evaluate`, but NaN where the cells around were not measured for the most part."""
+        values = self.evaluate(wi, wo)
+        known = look_up(self.valid[..., None].astype(np.float32), wi, wo)
+        return np.where(known > 0.5, values, np.nan)
+
 
 def fold(table: np.ndarray) -> np.ndarray:
     """A table on the MERL grid, (90, 90, 180, ...): the mean of both orders of the directions if it is on the full
