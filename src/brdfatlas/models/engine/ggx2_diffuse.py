@@ -1,6 +1,7 @@
 """Two GGX lobes of one colour over a Lambertian base: a sharp highlight with a wide foot."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +13,7 @@ from brdfatlas.models.base import Parameter
 from brdfatlas.models.engine.base import (
     EngineModel,
     Grid,
+    Problem,
     Space,
     fifth,
     ggx,
@@ -57,18 +59,23 @@ class Ggx2Diffuse(EngineModel):
     start_ranges: ClassVar[Mapping[str, tuple[float, float]]] = {"alpha": (2e-3, 0.8), "weight": (0.05, 0.95)}
     follow = (8, 4)
 
-    def _descend(self, space, grid: Grid, starts):
-        """Starts also where one lobe fits best, with a second one beside it that weighs nothing yet."""
+    def best(self, space, grid: Grid, measured, options, seed):
+        """Starts also where one lobe fits best, with a second one beside it that weighs nothing yet. What one lobe
+        reaches on the full grid is kept where two reach no more."""
         single = GgxDiffuse()
         alone = Space(single, {})
         lower, upper = alone.bounds()
-        one_lobe = [np.append(x[:6], x[6]) for x in starts]
-        found, _ = single._descend(alone, grid, np.clip(one_lobe, lower, upper))
+        found, _ = single.best(alone, grid, measured, options, seed)
         beside = [
-            np.concatenate([found.x[:7], [np.clip(found.x[6] + np.log(factor), lower[6], upper[6]), 0.0]])
+            np.append(found.x, [np.clip(found.x[6] + np.log(factor), lower[6], upper[6]), 0.0])
             for factor in (0.2, 0.5, 2.0, 5.0)
         ]
-        return super()._descend(space, grid, np.concatenate([beside, starts]))
+        starts = self.starts(space, measured, options, seed)
+        solution, ends = self._descend(space, grid, np.concatenate([beside, starts]))
+        full = Problem(space, grid.full)
+        if full.value(beside[0]) < full.value(solution.x):
+            solution = replace(solution, x=beside[0])
+        return solution, ends
 
     def sampler(self, parameters):
         specular = float(np.sum(parameters["F0"] + (1 - parameters["F0"]) / 21))
