@@ -33,13 +33,13 @@ rule all:
     default_target: True
     input:
         scenes=lambda wildcards: scene_files(SCENES),
-        materials=expand(rules.describe_material.output, material=MATERIALS),
-        fits=expand(rules.fit_model.output, material=MATERIALS, model=MODELS),
-        renders=expand(rules.render_material.output, material=MATERIALS, scene=SCENES),
-        errors=expand(rules.measure_errors.output, material=MATERIALS),
-        tables=rules.tabulate_errors.output,
-        report=[*REPORT, *rules.write_standings.output],
+        materials=made_by(rules.describe_material, material=MATERIALS),
+        fits=made_by(rules.fit_model, material=MATERIALS, model=MODELS),
+        renders=made_by(rules.render_material, material=MATERIALS, scene=SCENES),
+        errors=made_by(rules.measure_errors, material=MATERIALS),
+        tables=made_by(rules.tabulate_errors),
+        report=[*REPORT, *made_by(rules.write_standings)],
         redrawn=redrawn,
-        verdict=[rules.check_failures.output, rules.record_run.output, rules.record_reports.output],
+        verdict=[*made_by(rules.check_failures), *made_by(rules.record_run), *made_by(rules.record_reports)],
     message:
         "the report is complete"

@@ -92,6 +92,12 @@ def texture_rows(wildcards):
     return MATERIALS[(part - 1) * HEIGHT : part * HEIGHT]
 
 
+def made_by(rule, **wildcards):
+    """Names of what a rule makes for all values of its wildcards. Plain names: a list of thousands of references to
+    rules is planned in the square of its length."""
+    return expand([str(file) for file in rule.output], **wildcards)
+
+
 def asset_names():
     """Names of the site's styles and scripts."""
     return [path.name for path in shipped("reports/assets/*")]

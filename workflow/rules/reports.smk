@@ -311,16 +311,16 @@ rule write_viewer:
 
 # Everything in reports/.
 REPORT = [
-    *expand(rules.draw_pictures.output, material=MATERIALS),
-    *expand(rules.draw_figures.output, material=MATERIALS),
-    *expand(rules.write_fits.output, material=MATERIALS),
-    *rules.draw_bars.output,
-    *rules.draw_summary.output,
-    *rules.write_assets.output,
-    *expand(rules.write_material_page.output, material=MATERIALS),
-    *rules.write_model_pages.output,
-    *expand(rules.write_uber_texture.output, model=FACTORED, part=TEXTURE_PARTS),
-    *rules.write_viewer.output,
-    *rules.write_index.output,
-    *(rules.write_supplement.output if config["pdf"] else []),
+    *made_by(rules.draw_pictures, material=MATERIALS),
+    *made_by(rules.draw_figures, material=MATERIALS),
+    *made_by(rules.write_fits, material=MATERIALS),
+    *made_by(rules.draw_bars),
+    *made_by(rules.draw_summary),
+    *made_by(rules.write_assets),
+    *made_by(rules.write_material_page, material=MATERIALS),
+    *made_by(rules.write_model_pages),
+    *made_by(rules.write_uber_texture, model=FACTORED, part=TEXTURE_PARTS),
+    *made_by(rules.write_viewer),
+    *made_by(rules.write_index),
+    *(made_by(rules.write_supplement) if config["pdf"] else []),
 ]

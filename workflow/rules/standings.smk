@@ -42,7 +42,7 @@ localrules:
 rule record_reports:
     input:
         REPORT,
-        rules.write_standings.output,
+        made_by(rules.write_standings),
     output:
         update("results/reports.tsv"),
     log:
