@@ -38,8 +38,8 @@ def ggx2_diffuse(p, samples, out):
 
 
 class Ggx2Diffuse(EngineModel):
-    """Ten numbers. With weight 1 and share 0 it is ``ggx_diffuse``, so it is never a worse fit. A weight below 1 lets the
-    surface rise to less than white at grazing incidence."""
+    """Ten numbers. With weight 1 and share 0 it is ``ggx_diffuse``, so it is never a worse fit. A weight below 1 lets
+    the surface rise to less than white at grazing incidence."""
 
     name = "ggx2_diffuse"
     title = "GGX, 2 lobes, and diffuse"
@@ -87,10 +87,9 @@ class Ggx2Diffuse(EngineModel):
         specular = float(parameters["weight"][0] * np.sum(parameters["F0"] + (1 - parameters["F0"]) / 21))
         share = float(parameters["share"][0])
         weights = np.array([float(np.sum(parameters["kd"])), specular * (1 - share), specular * share])
-        return Mixture(
-            [Diffuse(), *(GgxLobe(float(a)) for a in parameters["alpha"])],
-            weights / weights.sum() if weights.sum() > 0 else np.array([1.0, 0.0, 0.0]),
-        )
+        if not weights.any():  # a black surface
+            weights[0] = 1.0
+        return Mixture([Diffuse(), *(GgxLobe(float(a)) for a in parameters["alpha"])], weights / weights.sum())
 
     def functions(self, parameters):
         f = schlick(np.cos(theta_d_centres())[:, None], np.asarray(parameters["F0"], float))
