@@ -144,12 +144,3 @@ def differing_results(project: Project, other: Project) -> list[str]:
 def differences() -> Callable[[Project, Project], list[str]]:
     """differences(project, other): names of results that are not the same in both."""
     return differing_results
-
-
-@pytest.fixture(scope="session")
-def shared() -> Path:
-    """Data that are not part of the project; tests that need them are skipped where they are absent."""
-    folder = Path(os.environ.get("BRDFATLAS_SHARED") or ROOT.parent / "shared")
-    if not folder.is_dir():
-        pytest.skip(f"{folder}: no such folder (BRDFATLAS_SHARED names another)")
-    return folder
