@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from brdfatlas.fits import fit
-from brdfatlas.measured import SCALE, Measured
+from brdfatlas.formats.merl import SCALE
+from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS, Entry
 from brdfatlas.models.given import ParameterFileError, has_row, materials_of, outside_range, read_parameters
 from brdfatlas.models.published import THREE_LOBE, published_parameters

@@ -1,10 +1,13 @@
-# Files of others, from their public homes, only when asked for: `snakemake merl`, `snakemake assets`.
+# Files of others, from their public homes, only when asked for: `snakemake rgl`, `merl`,
+# `assets`, `published_fits`.
 
 
 # Where jobs run on other machines, these stay on this one: nodes of a cluster are often offline.
 localrules:
     merl,
     assets,
+    rgl,
+    published_fits,
     download_merl,
 
 
@@ -48,3 +51,24 @@ rule assets:
         "fetching what is missing in data/assets"
     script:
         "../scripts/fetch_assets.py"
+
+
+# Real measurements in a minute: the isotropic materials of the RGL database.
+use rule assets as rgl with:
+    log:
+        "results/logs/fetch_rgl.log",
+    params:
+        assets=RGL,
+        folder=config["measured_folder"] or "data/measured",
+    message:
+        "fetching what is missing of the RGL database"
+
+
+use rule assets as published_fits with:
+    log:
+        "results/logs/fetch_published_fits.log",
+    params:
+        assets=PUBLISHED_FITS,
+        folder="data/published_fits",
+    message:
+        "fetching the published fits that are missing"

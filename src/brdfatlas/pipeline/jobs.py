@@ -12,6 +12,8 @@ from brdfatlas.fits import describe_fit, fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measures.physics import physics_checks
 from brdfatlas.models import Entry
+from brdfatlas.models.base import FitError
+from brdfatlas.models.given import has_row
 
 #: Faults of the machine, not of the model: they fail the job, and the next run tries again.
 MACHINE_FAULTS = (MemoryError, OSError, KeyboardInterrupt)
@@ -27,13 +29,18 @@ def fit_job(
 ) -> None:
     """Fit an entry (``Entry.plain``) to one material and write the fit and its report.
 
-    A model that fails does not stop the run: its report says "failed" and why, its fit file is an empty mark. Faults
-    of the machine (memory, disk) are raised: the job fails and the next run tries again.
+    A model that fails does not stop the run: its report says "failed" and why, its fit file is an empty mark. So it is
+    with given parameters that the material does not have; their report says "absent", which is no fault. Faults of the
+    machine (memory, disk) are raised: the job fails and the next run tries again.
     """
     row = Entry(**entry)
     measured = read(binary, standin=standin)
-    start = time.perf_counter()
+    status, start = "failed", time.perf_counter()
     try:
+        missing = has_row(row.name, row.parameters, measured.name, standin=standin) if row.parameters else ""
+        if missing:
+            status = "absent"
+            raise FitError(missing)
         fitted = fit(row, measured, seed=seed)
         table = fitted.table()
         report = describe_fit(fitted, measured, table) | {"physics": physics_checks(fitted, table)}
@@ -42,10 +49,10 @@ def fit_job(
         raise
     except Exception as error:
         traceback.print_exc()
-        reason = f"{type(error).__name__}: {error}".splitlines()[0]
-        print(f"{row.name} on {measured.name} failed: {reason}", file=sys.stderr)
+        reason = f"{type(error).__name__}: {error}".splitlines()[0] if status == "failed" else str(error)
+        print(f"{row.name} on {measured.name} {status}: {reason}", file=sys.stderr)
         report = {
-            "status": "failed",
+            "status": status,
             "reason": reason,
             "entry": row.name,
             "model": row.model,

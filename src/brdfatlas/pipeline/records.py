@@ -129,7 +129,7 @@ def failures(reports: Sequence[str]) -> list[str]:
     lines = []
     for path in reports:
         report = read_json(path)
-        if report["status"] != "ok":
+        if report["status"] == "failed":
             lines.append(f"{report['entry']} on {report['material']}: {report['reason']}")
     return lines
 
