@@ -5,6 +5,7 @@
 localrules:
     merl,
     assets,
+    published_fits,
     download_merl,
 
 
@@ -32,6 +33,21 @@ rule download_merl:
         "downloading the MERL database"
     script:
         "../scripts/download_merl.py"
+
+
+rule published_fits:
+    log:
+        "results/logs/fetch_published_fits.log",
+    resources:
+        mem_mb=500,
+        runtime=60,
+    params:
+        assets=read_assets("config/published_fits.yaml"),
+        folder="data/published_fits",
+    message:
+        "fetching what is missing in data/published_fits"
+    script:
+        "../scripts/fetch_assets.py"
 
 
 # No output: Snakemake removes outputs before it makes them, and what lies in data/assets may be the user's own.

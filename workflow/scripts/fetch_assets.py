@@ -1,4 +1,4 @@
-"""Fetch the assets of scenes that are not there yet; what it says goes to the log and to the terminal."""
+"""Fetch files of others (assets of scenes, published fits) that are not there yet; what it says goes to the log and to the terminal."""
 
 from brdfatlas.pipeline.download import fetch_assets_job
 from brdfatlas.pipeline.logs import logged
