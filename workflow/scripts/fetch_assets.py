@@ -1,4 +1,5 @@
-"""Fetch files of others (assets of scenes, published fits) that are not there yet; what it says goes to the log and to the terminal."""
+"""Fetch files of others that are not there yet, assets of scenes or published fits; what it says goes to the log and to
+the terminal."""
 
 from brdfatlas.pipeline.download import fetch_assets_job
 from brdfatlas.pipeline.logs import logged
