@@ -4,7 +4,7 @@
 rule fit_model:
     input:
         binary=binary_of,
-        given=lambda wildcards: ALL_ENTRIES[wildcards.model].parameters or [],
+        parameters=parameters_of,
     output:
         fit="results/fits/{material}/{model}.npz",
         report="results/fits/{material}/{model}.json",

@@ -451,4 +451,4 @@ def fetch_assets_job(assets: Mapping[str, Mapping[str, Any]], folder: str, say: 
         try:
             fetch_asset(path, remote_of(source), record, source["member"] or None, say=say)
         except DownloadError as error:
-            raise SystemExit(f"assets: {error}") from None
+            raise SystemExit(f"{path.parent.name}: {error}") from None
