@@ -1,11 +1,28 @@
-# Files of others, from their public homes, only when asked for: `snakemake merl`, `snakemake assets`.
+# Files of others, from their public homes, only when asked for: `snakemake rgl`, `snakemake merl`, `snakemake assets`.
 
 
 # Where jobs run on other machines, these stay on this one: nodes of a cluster are often offline.
 localrules:
+    rgl,
     merl,
     assets,
     download_merl,
+
+
+# No output, as of assets below: files that are there stay.
+rule rgl:
+    log:
+        "results/logs/rgl.log",
+    resources:
+        mem_mb=500,
+        runtime=60,
+    params:
+        materials=RGL,
+        folder=config["measured_folder"] or MEASURED_FOLDER,
+    message:
+        "fetching what is missing of the RGL database"
+    script:
+        "../scripts/fetch_rgl.py"
 
 
 rule merl:
