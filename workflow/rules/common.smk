@@ -12,7 +12,7 @@ from brdfatlas.models import read_entries
 from brdfatlas.models.given import why_no_row
 from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config, read_rgl
 from brdfatlas.pipeline.leftovers import missing_files
-from brdfatlas.pipeline.materials import find_materials
+from brdfatlas.pipeline.materials import MEASURED_FOLDER, find_materials
 from brdfatlas.pipeline.provenance import provenance, shipped
 from brdfatlas.pipeline.records import revision, versions
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS

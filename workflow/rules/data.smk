@@ -4,11 +4,27 @@
 
 # Where jobs run on other machines, these stay on this one: nodes of a cluster are often offline.
 localrules:
+    rgl,
     merl,
     assets,
-    rgl,
     published_fits,
     download_merl,
+
+
+# No output, as of assets below: files that are there stay.
+rule rgl:
+    log:
+        "results/logs/rgl.log",
+    resources:
+        mem_mb=500,
+        runtime=60,
+    params:
+        materials=RGL,
+        folder=config["measured_folder"] or MEASURED_FOLDER,
+    message:
+        "fetching what is missing of the RGL database"
+    script:
+        "../scripts/fetch_rgl.py"
 
 
 rule merl:
@@ -51,17 +67,6 @@ rule assets:
         "fetching what is missing in data/assets"
     script:
         "../scripts/fetch_assets.py"
-
-
-# Real measurements in a minute: the isotropic materials of the RGL database.
-use rule assets as rgl with:
-    log:
-        "results/logs/fetch_rgl.log",
-    params:
-        assets=RGL,
-        folder=config["measured_folder"] or "data/measured",
-    message:
-        "fetching what is missing of the RGL database"
 
 
 use rule assets as published_fits with:

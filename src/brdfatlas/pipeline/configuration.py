@@ -16,11 +16,10 @@ def read_assets(path: str | Path) -> dict[str, dict[str, Any]]:
     return {check_name(name, str(path)): source for name, source in assets.items()}
 
 
-def read_rgl(path: str | Path) -> dict[str, dict[str, Any]]:
-    """config/rgl.yaml: name of a file in data/measured -> where it comes from, as :func:`read_assets`."""
-    rgl = check(read_yaml(path), read_yaml(SCHEMAS / "rgl.schema.yaml"), str(path))
-    files = {name: rgl["url"].format(name=check_name(name, str(path))) for name in rgl["materials"]}
-    return {f"{name}_rgb.bsdf": {"url": url, "terms": rgl["terms"], "member": ""} for name, url in files.items()}
+def read_rgl(path: str | Path) -> dict[str, str]:
+    """config/rgl.yaml: name of a material of the RGL database -> its address."""
+    source = check(read_yaml(path), read_yaml(SCHEMAS / "rgl.schema.yaml"), str(path))
+    return {check_name(name, str(path)): source["url"].replace("{name}", name) for name in source["materials"]}
 
 
 def check_samples(config: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:
