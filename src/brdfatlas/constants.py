@@ -10,6 +10,8 @@ MAX_ANGLE = np.deg2rad(89.0)
 E2_ANGLE = np.deg2rad(80.0)
 #: Names of the two renders of the measured table itself, the second with other random numbers.
 REFERENCE, REFERENCE_AGAIN = "reference", "reference_again"
+#: Status of a fit's report where an entry of given parameters has none for the material: no row, and no failure.
+ABSENT = "absent"
 #: Objectives that parametric models offer, as reports name them.
 OBJECTIVE_NAMES = {
     "compressive": "compressive (Bagher 2016), relative, rgb averaged",

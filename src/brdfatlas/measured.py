@@ -12,6 +12,7 @@ import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, N_PHI_D, half_difference
 from brdfatlas.compiled import njit
+from brdfatlas.files import shown
 
 N_CELLS = int(np.prod(GRID_SHAPE))
 #: What a table may be: a measurement, somebody's reconstruction of one (a network, a fit), or a built-in stand-in.
@@ -20,6 +21,9 @@ KINDS = MEASURED, RECONSTRUCTED, STANDIN = "measured", "reconstructed", "stand-i
 
 class MeasuredError(ValueError):
     """A file that cannot be used as a measured BRDF; the message is one line that names the file and the fault."""
+
+    def __init__(self, message: object):
+        super().__init__(shown(message))  # whatever bytes the file has where a name or a number should be
 
 
 @dataclass(frozen=True)

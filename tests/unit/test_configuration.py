@@ -16,6 +16,7 @@ from brdfatlas.pipeline.configuration import (
     choose,
     files_of_scene,
     read_config,
+    read_rgl,
     read_yaml,
 )
 from brdfatlas.pipeline.materials import check_files, find_materials
@@ -244,7 +245,7 @@ def test_a_mended_file_is_checked_again(tmp_path, good_file):
     folder.mkdir()
     (folder / "m.binary").write_bytes(b"")
     config, checks = read_config({"merl_folder": str(folder)}), tmp_path / "checks.json"
-    with pytest.raises(ConfigError, match="no file there can be used"):
+    with pytest.raises(ConfigError, match="can be used"):
         find_materials(config, "standins", checks)
     write_json(checks, check_files({"m": folder / "m.binary"}, checks))
     (folder / "m.binary").write_bytes(good_file.read_bytes())
@@ -257,8 +258,8 @@ def test_standins_where_there_is_no_file(tmp_path, capsys):
     assert len(usable) == 4
     assert all(m.standin for m in usable)
     assert left_out == []
-    assert capsys.readouterr().err == f"{tmp_path / 'none'}: no .binary file there; built-in stand-ins are used\n"
-    with pytest.raises(ConfigError, match=r"none: no \.binary file there \(strict: true"):
+    assert capsys.readouterr().err == f"{tmp_path / 'none'}: no measurement there; built-in stand-ins are used\n"
+    with pytest.raises(ConfigError, match=r"none: no measurement there \(strict: true"):
         find_materials(config | {"strict": True}, "standins", tmp_path / "checks.json")
     everything = find_materials(config | {"standins": "all"}, "standins", tmp_path / "checks.json")[0]
     assert len(everything) == 100
@@ -268,7 +269,11 @@ def test_standins_where_there_is_no_file(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("file", "remedy"),
-    [("brdfs/a.binary", "set merl_folder: .*brdfs$"), ("a.BINARY", "rename it"), (".unpacked/a.binary", "")],
+    [
+        ("brdfs/a.binary", "set measured_folder: .*brdfs$"),
+        ("a.BINARY", "can be used"),
+        (".unpacked/a.binary", ""),
+    ],
 )
 def test_files_that_are_not_quite_where_they_are_looked_for(tmp_path, file, remedy):
     path = tmp_path / file
@@ -286,3 +291,46 @@ def test_names_that_could_escape_are_refused():
     for name in ("../x", "a b", "<script>", "a/b", "", ".hidden", "-rf", "a\n"):
         with pytest.raises(ConfigError):
             check_name(name, "f")
+
+
+def test_any_mixture_of_files_is_found_by_content(tmp_path, good_file):
+    """Endings do not matter, stray files are no materials, and RGL's ending is no part of a name."""
+    from test_formats_rgl import container, tensors
+    from test_formats_tables import CSV
+
+    (tmp_path / "merl.dat").symlink_to(good_file)
+    (tmp_path / "silk_rgb.bsdf").write_bytes(container(tensors()))
+    (tmp_path / "mine.txt").write_text("\n".join(CSV))
+    (tmp_path / "notes.txt").write_text("theta is the angle")
+    (tmp_path / "picture.png").write_bytes(b"\x89PNG")
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
+    config = read_config({"measured_folder": str(tmp_path)})
+    usable, left_out, _ = find_materials(config, "standins", tmp_path / "none.json")
+    assert {m.name: bool(m.source) for m in usable} == {"merl": False, "silk": True, "mine": True}
+    assert {m.binary for m in usable if m.source} == {f"results/measured/{n}.measured" for n in ("silk", "mine")}
+    assert [item.name for item in left_out] == ["bad"]
+    (tmp_path / "silk.csv").write_text("\n".join(CSV))
+    with pytest.raises(ConfigError, match=r"silk\.csv and .*silk_rgb\.bsdf would both be the material 'silk'"):
+        find_materials(config, "standins", tmp_path / "none.json")
+
+
+UNUSABLE = ["checks", "model-ggx", "good.brdf", "0" * 20, "a" * 100, "a b", "-rf", "é", "line\nbreak"]
+
+
+@pytest.mark.parametrize("name", UNUSABLE)
+def test_names_that_the_run_cannot_use_are_left_out(tmp_path, good_file, name):
+    (tmp_path / "good.binary").symlink_to(good_file)
+    (tmp_path / f"{name}.binary").symlink_to(good_file)
+    config = read_config({"measured_folder": str(tmp_path)})
+    usable, left_out, _ = find_materials(config, "standins", tmp_path / "none.json")
+    assert [m.name for m in usable] == ["good"]
+    assert len(left_out) == 1
+    assert len(left_out[0].reason.splitlines()) == 1
+
+
+def test_the_rgl_materials_have_addresses():
+    materials = read_rgl("config/rgl.yaml")
+    assert len(materials) == 51
+    assert materials["spectralon"].endswith("/spectralon/spectralon_rgb.bsdf")

@@ -15,7 +15,15 @@ from brdfatlas import read_merl
 from brdfatlas.angles import GRID_SHAPE
 from brdfatlas.formats.merl import FILE_BYTES, check_header
 from brdfatlas.pipeline import download as dl
-from brdfatlas.pipeline.download import DownloadError, Remote, download, fetch_asset, fetch_merl, unpack_merl
+from brdfatlas.pipeline.download import (
+    DownloadError,
+    Remote,
+    download,
+    fetch_asset,
+    fetch_merl,
+    fetch_rgl,
+    unpack_merl,
+)
 
 QUICK = {"attempts": 3, "pause": 0.01, "timeout": 5.0, "say": lambda line: None}
 
@@ -380,3 +388,20 @@ def test_a_member_of_a_tar_comes_out_alone_under_its_new_name(server, tmp_path):
     assert leftovers(out) == ["b.ply", "c.json"]
     with pytest.raises(DownloadError, match="has no file"):
         fetch_asset(out / "d.ply", Remote(server.url("/t")), out / "c.json", "missing.ply", **QUICK)
+
+
+def test_rgl_materials_are_fetched_once_and_checked_by_content(server, tmp_path):
+    """What is there stays; a page of a server instead of the file is refused, and what came before it stays."""
+    from test_formats_rgl import container, tensors
+
+    said = []
+    server.files = {"/a": container(tensors()), "/b": b"<html>" + bytes(900)}
+    materials = {"a": server.url("/a"), "b": server.url("/b")}
+    with pytest.raises(DownloadError, match="does not begin with"):
+        fetch_rgl(materials, tmp_path, **QUICK | {"say": said.append})
+    assert (tmp_path / "a_rgb.bsdf").read_bytes() == server.files["/a"]
+    assert not (tmp_path / "b_rgb.bsdf").exists()
+    assert any("cites" in line for line in said)
+    server.files["/b"] = server.files["/a"]
+    assert fetch_rgl(materials, tmp_path, **QUICK) == ["b"]
+    assert leftovers(tmp_path) == ["a_rgb.bsdf", "b_rgb.bsdf"]

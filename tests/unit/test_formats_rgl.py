@@ -11,7 +11,6 @@ from brdfatlas.formats import rgl
 from brdfatlas.formats.plausibility import mean_albedo
 from brdfatlas.measured import MeasuredError
 
-RNG = np.random.default_rng(7)
 TYPE = {"u1": 1, "u4": 5, "f4": 10, "f8": 11}
 
 
@@ -30,16 +29,16 @@ def container(fields: dict[str, np.ndarray]) -> bytes:
 
 def tensors(n: int = 3, size: int = 8, colours: int = 6) -> dict[str, np.ndarray]:
     """Fields of a smooth, coloured material."""
-    rows = np.linspace(0.2, 1, size)
+    rows, rng = np.linspace(0.2, 1, size), np.random.default_rng(7)
     return {
         "description": np.frombuffer(b"made up", "u1"),
         "phi_i": np.zeros(1, "f4"),
         "theta_i": np.linspace(0, np.pi / 2, n).astype("f4"),
         "sigma": np.ones((2, size), "f4"),
-        "ndf": (0.3 + RNG.random((2, size))).astype("f4"),
-        "vndf": (rows[:, None] * (0.5 + RNG.random((1, n, size, size)))).astype("f4"),
+        "ndf": (0.3 + rng.random((2, size))).astype("f4"),
+        "vndf": (rows[:, None] * (0.5 + rng.random((1, n, size, size)))).astype("f4"),
         "luminance": np.ones((1, n, colours, colours), "f4"),
-        "rgb": (0.2 + RNG.random((1, n, 3, colours, colours))).astype("f4"),
+        "rgb": (0.2 + rng.random((1, n, 3, colours, colours))).astype("f4"),
         "jacobian": np.ones(1, "u1"),
     }
 

@@ -179,3 +179,75 @@ def test_look_up_equals_an_independent_interpolator(table):
 def test_nothing_below_the_surface(table):
     up, down = np.array([0, 0, 1.0]), np.array([0.6, 0, -0.8])
     assert (look_up(extend(table, above_horizon()), up, down) == 0).all()
+
+
+def variant(path, shape, order="<"):
+    """A file of another shape of the function 0.1 + 0.05 cos(phi_d) + 0.1 theta_d, below the horizon as well."""
+    n_h, n_d, n_p = shape
+    phi = (np.arange(n_p) + 0.5) / n_p * np.pi * (2 if n_p == 4 * n_d else 1)
+    theta_d = (np.arange(n_d) + 0.5) / n_d * np.pi / 2
+    values = (0.1 + 0.05 * np.cos(phi) + 0.1 * theta_d[:, None] + np.zeros((n_h, 1, 1)))[..., None] / SCALE
+    with open(path, "wb") as handle:
+        np.array(shape, f"{order}i4").tofile(handle)
+        np.moveaxis(values, -1, 0).astype(f"{order}f8").tofile(handle)
+
+
+@pytest.mark.parametrize(
+    ("shape", "order", "word"),
+    [
+        ((90, 90, 360), "<", "mean of both orders"),
+        ((45, 60, 240), "<", "resampled"),
+        ((90, 90, 360), ">", "big-endian"),
+    ],
+)
+def test_variants_are_read_with_a_word(tmp_path, shape, order, word):
+    """On the full circle both orders are averaged, so the part that is not reciprocal, the cosine, goes away."""
+    variant(tmp_path / "v.binary", shape, order)
+    measured = read_merl(tmp_path / "v.binary")
+    assert any(word in warning for warning in measured.provenance.warnings)
+    np.testing.assert_array_equal(measured.valid & ~above_horizon(), False)
+    assert measured.valid.sum() > 0.98 * above_horizon().sum()
+    expected = np.broadcast_to(0.1 + 0.1 * grid_axes()[1], GRID_SHAPE)
+    inner = measured.valid & (grid_axes()[1] > 0.02) & (grid_axes()[1] < 1.5)
+    both = np.isfinite(measured.table[:, :, ::-1, 0]) & inner
+    # beside the horizon a resampled cell has fewer neighbours to be interpolated between
+    tolerance = 1e-2 if word == "resampled" else 1e-4
+    np.testing.assert_allclose(measured.table[both][:, 1], expected[both], rtol=tolerance)
+
+
+def test_what_is_suspicious_is_said(tmp_path, table):
+    for factor, word in [(1500.0, "unscaled"), (1 / 1500, "scaled twice"), (8.0, "more light"), (1.0, "")]:
+        write_merl(tmp_path / "s.binary", (table / 4 * factor).astype(np.float32))
+        warnings = " ".join(read_merl(tmp_path / "s.binary").provenance.warnings)
+        assert word in warnings if word else not warnings
+
+
+def test_reversed_numbers_are_suspected(path):
+    """Big-endian numbers behind a little-endian header."""
+    stored = np.fromfile(path, "<f8", offset=HEADER_BYTES)
+    damage(path, HEADER_BYTES, stored.astype(">f8").tobytes())
+    with pytest.raises(MeasuredError, match="big-endian"):
+        read_merl(path)
+
+
+def test_kinds_are_told_apart(tmp_path, table):
+    for options, kind in [
+        ({}, "measured"),
+        ({"reconstructed": True}, "reconstructed"),
+        ({"standin": True}, "stand-in"),
+    ]:
+        write_merl(tmp_path / "k.binary", table, **options)
+        assert read_merl(tmp_path / "k.binary").kind == kind
+
+
+def test_random_damage_is_refused(tmp_path):
+    """2,000 headers of random bytes before a short body: one line each, and no allocation from a header that lies."""
+    path, rng = tmp_path / "x.binary", np.random.default_rng(1)
+    for _ in range(2000):
+        header = bytearray(np.array([90, 90, 180], "<i4").tobytes())
+        for at in rng.integers(0, 12, rng.integers(0, 5)):
+            header[at] = rng.integers(256)
+        path.write_bytes(bytes(header) + rng.bytes(int(rng.integers(200))))
+        with pytest.raises(MeasuredError) as caught:
+            read_merl(path)
+        assert len(str(caught.value).splitlines()) == 1

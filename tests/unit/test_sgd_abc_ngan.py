@@ -325,3 +325,16 @@ def test_fits_of_measured_like_materials_are_as_good_as_published(name, limit, t
         measured = read_merl(tmp_path / f"{material}.binary")
         scores.append(log_deviation(fit(name, measured).table(), measured.table))
     assert np.median(scores) <= limit
+
+
+@pytest.mark.parametrize("name", ["abc", "ngan"])
+def test_grazing_samples_that_are_wrong_do_no_harm_where_they_are_left_out(name):
+    """Three times as bright beyond 80 degrees, as artefacts of measurements are: within, the parameters come back."""
+    truth = synthetic(name)
+    grazing = np.minimum(*grid_cosines()) < np.cos(np.deg2rad(80))
+    spoilt = Measured(name, np.where(grazing[..., None], 3 * truth.table, truth.table))
+    found = fit(name, spoilt, max_angle=80.0)
+    np.testing.assert_allclose(found.parameters["kd"], TRUTH[name]["kd"], rtol=5e-3, atol=5e-4)
+    misled = fit(name, spoilt)
+    assert np.abs(misled.parameters["kd"][0] / TRUTH[name]["kd"][0] - 1) > 0.05
+    assert "within 80 degrees" in found.report["objective_name"]

@@ -9,9 +9,10 @@ from pathlib import Path
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.export.uber_texture import HEIGHT, has_row
 from brdfatlas.models import read_entries
-from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config
+from brdfatlas.models.given import why_no_row
+from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config, read_rgl
 from brdfatlas.pipeline.leftovers import missing_files
-from brdfatlas.pipeline.materials import find_materials
+from brdfatlas.pipeline.materials import MEASURED_FOLDER, find_materials
 from brdfatlas.pipeline.provenance import provenance, shipped
 from brdfatlas.pipeline.records import revision, versions
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
@@ -25,13 +26,26 @@ try:
     config = read_config(config)
     ALL_ENTRIES = read_entries(config["models_file"])
     ALL_SCENES = read_scenes(config["scenes_file"])
-    MODELS = choose(config["models"], list(ALL_ENTRIES), "models", config["models_file"])
+    MODELS = choose(config["models"], list(ALL_ENTRIES), "models", str(config["models_file"]))
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
     ASSETS = read_assets("config/assets.yaml")
+    PUBLISHED_FITS = read_assets("config/published_fits.yaml")
+    RGL = read_rgl("config/rgl.yaml")
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     FOUND, LEFT_OUT, CHECKS = find_materials(config, "results/standins", "results/checks.json")
 except ValueError as error:
     raise WorkflowError(str(error)) from None
+
+# An entry of given parameters stands in the run if any material has them.
+for name in list(MODELS):
+    if not ALL_ENTRIES[name].parameters:
+        continue
+    reasons = [
+        why_no_row(name, ALL_ENTRIES[name].parameters, material.name, standin=material.standin) for material in FOUND
+    ]
+    if all(reasons):
+        MODELS.remove(name)
+        print(f"left out: {name}: {reasons[0]}", file=sys.stderr)
 
 # The rows of the run, for every job that says more of a model than its name.
 ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
@@ -58,6 +72,11 @@ wildcard_constraints:
     material=r"[A-Za-z0-9][A-Za-z0-9._-]*",
     model=r"[A-Za-z0-9][A-Za-z0-9._-]*",
     scene=r"[A-Za-z0-9][A-Za-z0-9._-]*",
+
+
+def parameters_of(wildcards):
+    """The file of an entry's given parameters, if it has any."""
+    return ALL_ENTRIES[wildcards.model].parameters or []
 
 
 def binary_of(wildcards):

@@ -1,11 +1,30 @@
-# Files of others, from their public homes, only when asked for: `snakemake merl`, `snakemake assets`.
+# Files of others, from their public homes, only when asked for: `snakemake rgl`, `merl`,
+# `assets`, `published_fits`.
 
 
 # Where jobs run on other machines, these stay on this one: nodes of a cluster are often offline.
 localrules:
+    rgl,
     merl,
     assets,
+    published_fits,
     download_merl,
+
+
+# No output, as of assets below: files that are there stay.
+rule rgl:
+    log:
+        "results/logs/rgl.log",
+    resources:
+        mem_mb=500,
+        runtime=60,
+    params:
+        materials=RGL,
+        folder=config["measured_folder"] or MEASURED_FOLDER,
+    message:
+        "fetching what is missing of the RGL database"
+    script:
+        "../scripts/fetch_rgl.py"
 
 
 rule merl:
@@ -48,3 +67,13 @@ rule assets:
         "fetching what is missing in data/assets"
     script:
         "../scripts/fetch_assets.py"
+
+
+use rule assets as published_fits with:
+    log:
+        "results/logs/fetch_published_fits.log",
+    params:
+        assets=PUBLISHED_FITS,
+        folder="data/published_fits",
+    message:
+        "fetching the published fits that are missing"

@@ -4,6 +4,7 @@
 rule fit_model:
     input:
         binary=binary_of,
+        parameters=parameters_of,
     output:
         fit="results/fits/{material}/{model}.npz",
         report="results/fits/{material}/{model}.json",

@@ -1,4 +1,5 @@
-"""Fetch the assets of scenes that are not there yet; what it says goes to the log and to the terminal."""
+"""Fetch files of others that are not there yet, assets of scenes or published fits; what it says goes to the log and to
+the terminal."""
 
 from brdfatlas.pipeline.download import fetch_assets_job
 from brdfatlas.pipeline.logs import logged

@@ -76,7 +76,7 @@ def quantity_of(text: str) -> str | None:
         return FACTOR
     if "cos" in letters:
         return F_COS
-    return F if letters.startswith(("f", "brdf")) or letters in ("sr", "persr", "invsr") else None
+    return F if letters in ("f", "fr", "fs") or letters.startswith("brdf") or letters.endswith("sr") else None
 
 
 def _header(path: Path, lines: list[str]) -> _Header:

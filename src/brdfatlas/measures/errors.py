@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
+from brdfatlas.constants import ABSENT, REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
 from brdfatlas.fits import load_fit
 from brdfatlas.formats.reader import read
@@ -499,8 +499,9 @@ def errors_job(
     """Write the tables of one material: those of :func:`material_errors`, the second if ``pairs_path`` is given, and
     that of :func:`material_brdf_errors`.
 
-    ``tones``: scene -> (exposure, gamma).
+    ``tones``: scene -> (exposure, gamma). Entries without a row for the material ("absent") have none here either.
     """
+    models = [name for name in models if read_json(Path(fits) / f"{name}.json")["status"] != ABSENT]
     images, pairs = material_errors(material, models, {name: Tone(*tone) for name, tone in tones.items()}, renders)
     brdf = material_brdf_errors(read(binary), models, fits)
     write_tsv(images_path, images)

@@ -6,7 +6,7 @@
 """
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
@@ -15,7 +15,7 @@ from typing import Any
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.models.base import Model
-from brdfatlas.models.given import PUBLISHED
+from brdfatlas.models.given import FETCHED, PUBLISHED
 from brdfatlas.models.loading import BUILTIN, load_model
 from brdfatlas.settings import ConfigError, check, check_name, read_yaml
 
@@ -85,11 +85,25 @@ class Entry:
         return asdict(self)
 
 
-def read_entries(path: str | Path) -> dict[str, Entry]:
-    """The entries of a file such as config/models.yaml, in its order; every option is checked by its model.
+def read_entries(paths: str | Path | Sequence[str | Path]) -> dict[str, Entry]:
+    """The entries of a file such as config/models.yaml, or of several, in their order; every option is checked by its
+    model.
 
     ConfigError: one line with file, name and remedy.
     """
+    entries: dict[str, Entry] = {}
+    for path in [paths] if isinstance(paths, str | Path) else paths:
+        found = _entries_of(path)
+        if entries.keys() & found.keys():
+            raise ConfigError(
+                f"{path}: {min(entries.keys() & found.keys())}: another file has this name, choose another"
+            )
+        entries |= found
+    return entries
+
+
+def _entries_of(path: str | Path) -> dict[str, Entry]:
+    """The entries of one file."""
     rows = check(read_yaml(path), read_yaml(SCHEMA), str(path))
     entries = {}
     for name, row in rows.items():
@@ -103,7 +117,9 @@ def read_entries(path: str | Path) -> dict[str, Entry]:
             raise ConfigError(f"{path}: {name}: {error.args[0]}; a model of your own needs source: FILE.py") from None
         except (ValueError, ImportError) as error:
             raise ConfigError(f"{path}: {name}: {error}".replace("\n", " ")) from None
-        if entry.parameters and not Path(entry.parameters).is_file():
+        # published fits are fetched when they are asked for: without them their rows are left out (given.why_no_row)
+        fetched = bool(entry.parameters) and Path(entry.parameters).parent == FETCHED
+        if entry.parameters and not fetched and not Path(entry.parameters).is_file():
             raise ConfigError(f"{path}: {name}: parameters: {entry.parameters}: no such file; correct the path")
     return entries
 

@@ -27,21 +27,25 @@ from brdfatlas.models.base import Model
 
 #: Rows of the authors' own parameters are named so. A stand-in is made of published fits: it has no such row.
 PUBLISHED = "_published"
+#: Where `snakemake published_fits` puts what it fetches.
+FETCHED = Path("data") / "published_fits"
 
 
 class ParameterFileError(ValueError):
     """A file of parameters that cannot be used; the message is one line with file, material and remedy."""
 
 
-def has_row(entry: str, path: str | os.PathLike, material: str, *, standin: bool) -> str:
+def why_no_row(entry: str, path: str | os.PathLike, material: str, *, standin: bool) -> str:
     """Why an entry with ``parameters: path`` has no row for a material; empty if it has one.
 
     ``entry``: its name; those that end in "_published" have none for a stand-in, which is made of published fits.
     """
     if standin and entry.endswith(PUBLISHED):
-        return f"{entry}: left out on {material}, a built-in stand-in that is itself made of published fits"
+        return "a stand-in is itself made of published fits"
+    if Path(path).parent == FETCHED and not Path(path).is_file():
+        return f"{path} is not there; `snakemake published_fits` fetches it"
     if material not in materials_of(path):
-        return f"{entry}: no row for {material}, {path} has no parameters for it"
+        return f"{path} has no parameters for it"
     return ""
 
 

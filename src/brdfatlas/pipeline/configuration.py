@@ -16,6 +16,12 @@ def read_assets(path: str | Path) -> dict[str, dict[str, Any]]:
     return {check_name(name, str(path)): source for name, source in assets.items()}
 
 
+def read_rgl(path: str | Path) -> dict[str, str]:
+    """config/rgl.yaml: name of a material of the RGL database -> its address."""
+    source = check(read_yaml(path), read_yaml(SCHEMAS / "rgl.schema.yaml"), str(path))
+    return {check_name(name, str(path)): source["url"].replace("{name}", name) for name in source["materials"]}
+
+
 def check_samples(config: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:
     """ConfigError, naming file and key, if the settings of a run give a scene less than a sample a batch."""
     render = config["render"]

@@ -9,7 +9,7 @@ import time
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
@@ -18,6 +18,7 @@ import requests
 
 from brdfatlas.files import atomic_path, read_json, write_json, write_text
 from brdfatlas.formats.merl import FILE_BYTES, check_header
+from brdfatlas.formats.rgl import check as check_rgl
 from brdfatlas.measured import MeasuredError
 
 CHUNK = 1 << 20
@@ -35,6 +36,13 @@ Two statements of its terms are public, and they differ:
 Which of them covers your use is for you to decide. Whoever publishes results of it cites:
   Wojciech Matusik, Hanspeter Pfister, Matt Brand and Leonard McMillan. A Data-Driven Reflectance Model.
   ACM Transactions on Graphics 22, 3 (2003), 759-769.
+"""
+
+RGL_TERMS = """\
+RGL material database (https://rgl.epfl.ch/materials), EPFL: its home says how it may be used. Whoever publishes results
+of it cites:
+  Jonathan Dupuy and Wenzel Jakob. An Adaptive Parameterization for Efficient Material Acquisition and Rendering.
+  ACM Transactions on Graphics 37, 6 (2018), 274:1-274:14.
 """
 
 
@@ -383,6 +391,44 @@ def fetch_merl(remote: Remote, folder: str | os.PathLike, record: str | os.PathL
     say(f"{folder}: {len(materials)} materials")
 
 
+# RGL ----------------------------------------------------------------------------------------------------------------
+
+
+def fetch_rgl(materials: Mapping[str, str], folder: str | os.PathLike, **options: Any) -> list[str]:
+    """Isotropic materials of the RGL database, name -> address, into ``folder``: each is checked by its content before
+    it appears there. Files that are there stay as they are. Returns the names that were fetched. ``options`` as of
+    :func:`download`. Raises DownloadError.
+    """
+    folder, say = Path(folder), options.get("say") or _to_stderr
+    say(RGL_TERMS)
+    fetched = []
+    for name, url in materials.items():
+        path, arriving = folder / f"{name}_rgb.bsdf", folder / ".incoming" / f"{name}_rgb.bsdf"
+        if path.exists():
+            continue
+        download(Remote(url), arriving, **options)
+        try:
+            check_rgl(arriving)
+        except MeasuredError as error:
+            arriving.unlink()
+            raise DownloadError(f"{url}: {str(error).partition(': ')[2]}; nothing of it is kept") from None
+        with _writing(path):
+            os.replace(arriving, path)
+        fetched.append(name)
+    with _writing(folder), suppress(FileNotFoundError):
+        (folder / ".incoming").rmdir()
+    say(f"{folder}: {len(materials)} materials of the RGL database, {len(fetched)} of them new")
+    return fetched
+
+
+def fetch_rgl_job(materials: Mapping[str, str], folder: str, say: Callable[[str], None]) -> None:
+    """Body of the rule: a fault ends the job with its one line; what has arrived stays."""
+    try:
+        fetch_rgl(materials, folder, say=say)
+    except DownloadError as error:
+        raise SystemExit(f"rgl: {error}") from None
+
+
 # Assets of scenes ---------------------------------------------------------------------------------------------------
 
 
@@ -451,4 +497,4 @@ def fetch_assets_job(assets: Mapping[str, Mapping[str, Any]], folder: str, say: 
         try:
             fetch_asset(path, remote_of(source), record, source["member"] or None, say=say)
         except DownloadError as error:
-            raise SystemExit(f"assets: {error}") from None
+            raise SystemExit(f"{path.parent.name}: {error}") from None

@@ -13,6 +13,7 @@ import numpy as np
 
 from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
+from brdfatlas.constants import ABSENT
 from brdfatlas.files import read_json, write_json
 from brdfatlas.formats.reader import read, stored
 from brdfatlas.measured import Measured, MeasuredError
@@ -129,7 +130,7 @@ def failures(reports: Sequence[str]) -> list[str]:
     lines = []
     for path in reports:
         report = read_json(path)
-        if report["status"] != "ok":
+        if report["status"] not in ("ok", ABSENT):
             lines.append(f"{report['entry']} on {report['material']}: {report['reason']}")
     return lines
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from brdfatlas.constants import ABSENT
 from brdfatlas.files import read_json
 from brdfatlas.measures import tsv
 from brdfatlas.measures.summary import Summary
@@ -82,6 +83,8 @@ class Material:
     fits: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     errors: pd.DataFrame = field(default_factory=pd.DataFrame)
     brdf_errors: pd.DataFrame = field(default_factory=pd.DataFrame)
+    #: entries of given parameters that have none for this material -> why
+    absent: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -191,15 +194,20 @@ def read_material(
     brdf_errors: str | Path | None = None,
 ) -> Material:
     """One material from the files of a run; ``fits`` are the JSON files of its models."""
-    found = {}
+    found, absent = {}, {}
     for path in fits:
         record = read_json(path)
-        found[str(record.get("entry") or record.get("model") or Path(path).stem)] = record
+        name = str(record.get("entry") or record.get("model") or Path(path).stem)
+        if record.get("status") == ABSENT:
+            absent[name] = str(record["reason"])
+        else:
+            found[name] = record
     return Material(
         read_json(facts),
         found,
         read_tsv(errors) if errors else pd.DataFrame(columns=["material", "model", "scene", "status"]),
         read_tsv(brdf_errors) if brdf_errors else pd.DataFrame(columns=["material", "model"]),
+        absent,
     )
 
 

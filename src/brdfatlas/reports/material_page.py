@@ -172,7 +172,9 @@ def make_entries(
 ) -> list[Entry]:
     """Every model on a material, best first by ΔE00, with the best of every column marked and its parameters."""
     order = summary.order(LEADING, material.name)
-    entries = [make_entry(material, name, summary.models[name], scenes) for name in order]
+    entries = [
+        make_entry(material, name, summary.models[name], scenes) for name in order if name not in material.absent
+    ]
     mark_best(material, entries)
     for entry in entries:
         entry.published = published_row(published, entry.name, material.name)
@@ -199,9 +201,12 @@ def material_lede(material: Material, summary: Summary, scenes: Sequence[SceneFa
     limit = 1.0
     close = sum(summary.value(name, LEADING, material.name) < limit for name in ranked)
     text += f". {close} of {len(ranked)} models stay below a ΔE00 of 1, which is just visible"
-    failed = len(summary.models) - len(ranked)
+    failed = len(summary.models) - len(ranked) - len(material.absent)
     if failed:
         text += f". {failed} lack{'s' if failed == 1 else ''} pictures: the reason is given below"
+    for reason in dict.fromkeys(material.absent.values()):
+        titles = [summary.models[name].title for name, why in material.absent.items() if why == reason]
+        text += f". Left out: {', '.join(titles)} ({reason})"
     return text + "."
 
 

@@ -50,7 +50,7 @@ def write_model_page(
     output, data = Path(output), Path(data)
     summary = summary or summarise_run(run, {name: model_facts(name) for name in models})
     facts = summary.models[model]
-    rows = [material_row(material, model, summary, scenes) for material in run]
+    rows = [material_row(material, model, summary, scenes) for material in run if model not in material.absent]
     write_model_tables(data / "models" / model, model, run)
     ranked = sorted((row for row in rows if row["rank"]), key=lambda row: row["scores"][LEADING.key].mean)
     ends = [("Best", ranked[0]), ("Worst", ranked[-1])] if len(ranked) > 1 else [("Only", ranked[0])] if ranked else []

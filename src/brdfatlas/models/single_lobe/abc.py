@@ -12,7 +12,7 @@ import numpy as np
 from brdfatlas.angles import theta_d_centres, theta_h_centres
 from brdfatlas.microfacet import dielectric
 from brdfatlas.models.base import Function, Option, Paper, Parameter, Parameters, objective_option
-from brdfatlas.models.single_lobe.base import SingleLobeModel
+from brdfatlas.models.single_lobe.base import MAX_ANGLE_OPTION, SingleLobeModel
 from brdfatlas.sampling import AbcLobe, Mixture, mixture
 
 LOEW2012 = Paper(
@@ -45,7 +45,10 @@ class ABC(SingleLobeModel):
     public_names: ClassVar[Mapping[str, tuple[str, float]]] = {"kd": ("Lambertian.albedo", 1.0)} | {
         name: (f"LowMicrofacetFit.{name}", 1.0) for name in ("A", "B", "C", "eta")
     }
-    options: ClassVar[Mapping[str, Option]] = {"objective": objective_option("e2")}
+    options: ClassVar[Mapping[str, Option]] = {
+        "objective": objective_option("e2"),
+        "max_angle": MAX_ANGLE_OPTION,
+    }
     scale = "A"
     logarithmic: ClassVar[Mapping[str, float]] = {"B": 0.0, "C": 0.0, "eta": 1.0}
     products: ClassVar[Mapping[str, str]] = {"B": "C"}

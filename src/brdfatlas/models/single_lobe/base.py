@@ -17,7 +17,7 @@ from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, half_differenc
 from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.microfacet import v_groove
-from brdfatlas.models.base import FitError, Model, Parameters, Result
+from brdfatlas.models.base import FitError, Model, Option, Parameters, Result
 from brdfatlas.objectives import e2_weights, least_squares_weights
 from brdfatlas.solvers.least_squares import (
     Moments,
@@ -28,6 +28,16 @@ from brdfatlas.solvers.least_squares import (
     latin_starts,
 )
 from brdfatlas.solvers.moments import CellMoments, LogCells
+
+#: The metrics as published reach to theta_h and theta_d of 80 degrees (Löw) or to 89 degrees of theta_i, theta_o, where
+#: the last ten degrees, which are the least reliable ones of measured data, can make most of the objective.
+MAX_ANGLE_OPTION = Option(
+    90.0,
+    "theta_i, theta_o in degrees within which samples count; 90 leaves the metric as published, 80 leaves out grazing "
+    "samples, which measured data know least",
+    low=1.0,
+    high=90.0,
+)
 
 
 class SingleLobeModel(Model):
@@ -74,13 +84,16 @@ class SingleLobeModel(Model):
 
         Raises FitError where no start has a finite objective.
         """
-        objective = self.check_options(options)["objective"]
+        chosen = self.check_options(options)
+        objective, limit = chosen["objective"], chosen["max_angle"]
+        outside = np.minimum(*grid_cosines()) < np.cos(np.deg2rad(limit))
+        table = np.where(outside[..., None], np.float32(np.nan), measured.table) if limit < 90 else measured.table
         try:
             if objective == "e2":
-                found, starts = self._fit_e2(measured.table, seed)
+                found, starts = self._fit_e2(table, seed)
                 x, linear = found.x[:-6], found.x[-6:].reshape(3, 2)
             else:
-                found = self._fit_squares(least_squares_weights(measured.table, objective), measured.table, seed)
+                found = self._fit_squares(least_squares_weights(table, objective), table, seed)
                 x, linear, starts = found.x, found.linear, found.starts
         except (NoFiniteStartError, ValueError) as error:
             raise FitError(f"{self.name} on {measured.name}: {error}") from None
@@ -90,7 +103,7 @@ class SingleLobeModel(Model):
         return Result(
             parameters,
             float(value),
-            OBJECTIVE_NAMES[objective],
+            OBJECTIVE_NAMES[objective] + (f"; both directions within {limit:g} degrees" if limit < 90 else ""),
             found.iterations,
             found.converged,
             found.message,

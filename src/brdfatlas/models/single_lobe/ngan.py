@@ -13,7 +13,7 @@ from brdfatlas.angles import theta_d_centres, theta_h_centres
 from brdfatlas.formats.merl import SCALE
 from brdfatlas.microfacet import schlick, schlick_weight
 from brdfatlas.models.base import Function, Option, Paper, Parameter, Parameters, objective_option
-from brdfatlas.models.single_lobe.base import SingleLobeModel
+from brdfatlas.models.single_lobe.base import MAX_ANGLE_OPTION, SingleLobeModel
 from brdfatlas.sampling import Mixture, WardLobe, mixture
 
 
@@ -48,7 +48,10 @@ class Ngan(SingleLobeModel):
         "f0": ("NganCookTorrance.eta", 1.0),
         "m": ("NganCookTorrance.roughness", 1.0),
     }
-    options: ClassVar[Mapping[str, Option]] = {"objective": objective_option("cosine")}
+    options: ClassVar[Mapping[str, Option]] = {
+        "objective": objective_option("cosine"),
+        "max_angle": MAX_ANGLE_OPTION,
+    }
     scale = "ks"
     logarithmic: ClassVar[Mapping[str, float]] = {"m": 0.0}
     start_ranges: ClassVar[Mapping[str, tuple[float, float]]] = {"f0": (0.0, 0.9), "m": (0.003, 1.0)}
