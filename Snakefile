@@ -34,9 +34,8 @@ rule all:
     input:
         scenes=lambda wildcards: scene_files(SCENES),
         materials=made_by(rules.describe_material, material=MATERIALS),
-        fits=made_by(rules.fit_model, material=MATERIALS, model=MODELS),
-        renders=made_by(rules.render_material, material=MATERIALS, scene=SCENES),
         errors=made_by(rules.measure_errors, material=MATERIALS),
+        lost=lost,
         tables=made_by(rules.tabulate_errors),
         report=[*REPORT, *made_by(rules.write_standings)],
         redrawn=redrawn,

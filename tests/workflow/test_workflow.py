@@ -57,7 +57,7 @@ def test_second_run_has_nothing_to_do(finished_run):
 
 
 def test_a_models_source_refits_that_model_only(finished_run):
-    restore = change(finished_run.root / "src" / "brdfatlas" / "models" / "ggx.py", "\n# changed\n")
+    restore = change(finished_run.root / "src" / "brdfatlas" / "models" / "dupuy2015" / "ggx.py", "\nCHANGED = 1\n")
     try:
         planned = finished_run.planned()
     finally:
@@ -68,8 +68,22 @@ def test_a_models_source_refits_that_model_only(finished_run):
     assert finished_run.planned() == {}
 
 
+def test_words_rerun_nothing(finished_run):
+    """Comments in a model, in the renderer and in a page's code."""
+    source = finished_run.root / "src" / "brdfatlas"
+    names = ("models/dupuy2015/ggx.py", "rendering/integrator.py", "reports/site.py")
+    restores = [change(source / name, "\n# only words\n") for name in names]
+    try:
+        assert finished_run.planned() == {}
+    finally:
+        for restore in restores:
+            restore()
+
+
 def test_a_shared_solver_refits_what_uses_it(finished_run):
-    restore = change(finished_run.root / "src" / "brdfatlas" / "solvers" / "power_iteration.py", "\n# changed\n")
+    restore = change(
+        finished_run.root / "src" / "brdfatlas" / "models" / "dupuy2015" / "power_iteration.py", "\nCHANGED = 1\n"
+    )
     try:
         planned = finished_run.planned()
     finally:
@@ -78,7 +92,7 @@ def test_a_shared_solver_refits_what_uses_it(finished_run):
 
 
 def test_the_error_measures_rerun_errors_but_no_fit_and_no_render(finished_run):
-    restore = change(finished_run.root / "src" / "brdfatlas" / "errors.py", "\n# changed\n")
+    restore = change(finished_run.root / "src" / "brdfatlas" / "measures" / "errors.py", "\nCHANGED = 1\n")
     try:
         planned = finished_run.planned()
     finally:
@@ -198,7 +212,7 @@ def test_the_record_follows_a_commit(finished_run):
         for _ in range(2):
             git("commit", "--quiet", "--allow-empty", "--message", "one more")
             planned = finished_run.planned()
-            assert planned.keys() - {"all"} == {"record_run", "write_index", "check_failures"}
+            assert planned.keys() - {"all"} == {"record_run", "write_index", "check_failures", "record_reports"}
             assert recorded() == git("rev-parse", "--short=12", "HEAD")
     finally:
         shutil.rmtree(root / ".git")

@@ -142,3 +142,16 @@ def redrawn(wildcards):
         for name, folder in LISTINGS.items()
         if missing_files(name, folder)
     ]
+
+
+def lost(wildcards):
+    """Fits and renders that are gone although the material was begun. Where it was not, what is made of them asks for
+    them, and naming tens of thousands of files once more would double the time of a plan."""
+    begun = [
+        name
+        for name in MATERIALS
+        if any(os.path.exists(f"results/{kind}/{name}") for kind in ("fits", "renders", "errors"))
+    ]
+    files = made_by(rules.fit_model, material=begun, model=MODELS)
+    files += made_by(rules.render_material, material=begun, scene=SCENES)
+    return [file for file in files if not os.path.exists(file)]

@@ -2,7 +2,8 @@
 import re
 
 TONES = {name: (ALL_SCENES[name]["exposure"], ALL_SCENES[name]["gamma"]) for name in SCENES}
-RENDERS = expand("results/renders/{{material}}/{model}/{scene}.exr", model=[*REFERENCES, *MODELS], scene=SCENES)
+# One picture stands for its scene: all of a scene come from one job. So do a fit and its report.
+RENDERS = expand("results/renders/{{material}}/reference/{scene}.exr", scene=SCENES)
 TABLES = ["errors", "brdf", "summary", "summary_brdf", "wins", "published"]
 STANDINGS_TITLES = {
     "summary": "means by class of material and scene",
@@ -16,7 +17,6 @@ rule measure_errors:
         binary=binary_of,
         renders=RENDERS,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
-        reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
     output:
         images=report(
             "results/errors/{material}/images.tsv",

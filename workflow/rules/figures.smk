@@ -51,7 +51,6 @@ rule draw_figures:
     input:
         binary=binary_of,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
-        reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
     output:
         # Which functions there are depends on the models: a list stands for them.
         listing="results/figures/{material}.json",

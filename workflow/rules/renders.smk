@@ -63,7 +63,6 @@ rule prepare_scene:
 rule render_material:
     input:
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
-        reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
         binary=binary_of,
         scene=rules.prepare_scene.output[0],
     output:

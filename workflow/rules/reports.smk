@@ -101,7 +101,6 @@ rule write_material_page:
 rule write_model_pages:
     input:
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
-        fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         pictures=expand("results/pictures/{material}.json", material=MATERIALS),
     output:
         pages=expand("reports/models/{model}.html", model=MODELS),
@@ -133,7 +132,6 @@ rule write_index:
     input:
         record="results/run.json",
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
-        fits=[path for files in RUN_FILES.values() for path in files["fits"]],
     output:
         page="reports/index.html",
         script="reports/data/atlas.js",
@@ -225,7 +223,6 @@ rule write_supplement:
     input:
         record="results/run.json",
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
-        fits=[path for files in RUN_FILES.values() for path in files["fits"]],
         parts=expand("results/pdf/{material}.pdf", material=MATERIALS),
     output:
         report(
@@ -257,7 +254,6 @@ rule write_supplement:
 rule write_uber_texture:
     input:
         fits=lambda wildcards: expand("results/fits/{material}/{{model}}.npz", material=texture_rows(wildcards)),
-        reports=lambda wildcards: expand("results/fits/{material}/{{model}}.json", material=texture_rows(wildcards)),
     output:
         "reports/data/models/{model}/uber-texture-{part}.exr",
     log:
@@ -281,7 +277,6 @@ rule write_viewer:
     input:
         textures=expand("reports/data/models/{model}/uber-texture-{part}.exr", model=FACTORED, part=TEXTURE_PARTS),
         fits=expand("results/fits/{material}/{model}.npz", material=MATERIALS, model=MODELS),
-        reports=expand("results/fits/{material}/{model}.json", material=MATERIALS, model=MODELS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         scenes=expand("results/scenes/{scene}.npz", scene=SCENES),
     output:
