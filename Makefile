@@ -7,7 +7,7 @@ SMK := workflow/rules/*.smk Snakefile
 unexport PYTHONDONTWRITEBYTECODE
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: report test test-slurm bench lint format lock audit clean
+.PHONY: report test test-slurm bench docs lint format lock audit clean
 
 report: $(READY)  ## set up once, then run the pipeline on the built-in default
 	@$(BIN)/python -m snakemake --cores $(CORES) || { \
@@ -26,6 +26,10 @@ test-slurm: $(READY)  ## the small run through a real Slurm on this machine (Deb
 
 bench: $(READY)  ## speed as ratios in one run; FILES=folder of .binary files, else built-in stand-ins
 	@$(BIN)/python benchmarks/run.py $(if $(FILES),--files $(FILES))
+
+docs: $(READY)  ## docs/ and the reference of the Python interface as a site, site/index.html
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "docs: $(CURDIR)/site/index.html"
 
 lint: $(READY)
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check $(SMK)

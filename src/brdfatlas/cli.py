@@ -88,6 +88,7 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
             "status": model.status,
             "free_parameters": model.free_parameters,
             "bytes": model.bytes,
+            "exports": list(model.targets),
             "options": {
                 key: {
                     "default": o.default,
@@ -125,19 +126,53 @@ def info_command(args: argparse.Namespace) -> dict[str, Any]:
     check_input(args.file)
     if is_fit_file(args.file):
         return fit_info(args)
-    described = describe_material(read(args.file))
+    described = describe_material(read_aloud(args.file))
     if not args.json:
         low, high = described["range"]
-        note = " (a stand-in)" if described["standin"] else ""
+        note = "" if described["kind"] == "measured" else f" (a {described['kind']} material)"
+        shares = (f"{share:.1%} of the valid cells {name}" for name, share in described["shares"].items() if share)
+        told = {key: described[key] for key in ("origin", "instrument", "note") if described[key]}
         albedo = ", ".join(f"{value:.4f}" for value in described["albedo"])
         say(
-            f"{args.file}{note}: {described['valid_cells']:,} of {described['cells_above_horizon']:,} cells above the "
-            "horizon are valid",
+            f"{args.file}{note}: {described['format']}",
+            *(f"{key}: {text}" for key, text in told.items()),
+            f"{described['valid_cells']:,} of {described['cells_above_horizon']:,} cells above the horizon are valid",
+            *shares,
             f"range {low:.6g} to {high:.6g} 1/sr",
             f"albedo at 30 degrees (rgb) {albedo}",
             f"class {described['class']} (diffuseness {described['diffuseness']:.4g})",
         )
     return described
+
+
+def read_aloud(path: str) -> Measured:
+    """A measured file; what was assumed, changed or looks wrong is said on stderr."""
+    measured = read(path)
+    for warning in measured.provenance.warnings:
+        print(shown(f"{path}: {warning}"), file=sys.stderr)
+    return measured
+
+
+def convert_command(args: argparse.Namespace) -> dict[str, Any]:
+    """Any measured file or fit as a MERL .binary, or as a .csv on a chosen set of directions."""
+    from brdfatlas.formats.tables import regular_directions, scattered_directions, write_csv
+
+    check_input(args.file)
+    item = load_fit(args.file, args.source) if is_fit_file(args.file) else read_aloud(args.file)
+    fitted = isinstance(item, Fit)
+    kind = "stand-in" if item.standin else "reconstructed" if fitted else item.kind
+    rows = None
+    if Path(args.output).suffix.lower() != ".csv":
+        if args.like or args.step:
+            raise ValueError("--like and --step choose directions of a .csv; name such an output")
+        write_merl(args.output, table_of(item, args.file), standin=item.standin, reconstructed=kind == "reconstructed")
+    else:
+        wi, wo = scattered_directions(args.like) if args.like else regular_directions(args.step or 10.0)
+        values = item.evaluate(wi, wo) if fitted else item.evaluate_measured(wi, wo)
+        rows = write_csv(args.output, wi, wo, values, kind, f"{Path(args.file).name}, converted by brdfatlas")
+    if not args.json:
+        say(f"{args.output}: {args.file}{'' if rows is None else f', {rows:,} pairs of directions'}")
+    return {"file": args.file, "output": args.output, "kind": kind, "rows": rows}
 
 
 def fit_info(args: argparse.Namespace) -> dict[str, Any]:
@@ -205,7 +240,7 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
         MODELS.register_file(args.model, args.source)
     check_input(args.file)
     options = MODELS[args.model].check_options(parse_options(args.option))
-    fitted = fit(args.model, read(args.file), seed=args.seed, **options)
+    fitted = fit(args.model, read_aloud(args.file), seed=args.seed, **options)
     fitted.save(args.output)
     report = {"model": fitted.entry, "material": fitted.material, "output": args.output, **fitted.report}
     if not args.json:
@@ -440,12 +475,16 @@ def parser() -> argparse.ArgumentParser:
     command("models", models_command)
     sub = command("info", info_command, ["file"], source=True)
     sub.add_argument("file", metavar="FILE", help="measured file or fit")
+    sub = command("convert", convert_command, ["file", "like"], "table", source=True)
+    sub.add_argument("file", metavar="FILE", help="measured file or fit")
+    sub.add_argument("--like", metavar="FILE", help="of a .csv: the directions of this table or spectral text")
+    sub.add_argument("--step", type=positive, help="of a .csv: degrees between directions of a regular table, else 10")
     sub = command("standin", standin_command, writes="MERL table")
     sub.add_argument("material", nargs="?", help="name of a material of the MERL database")
     sub.add_argument("--list", action="store_true", help="list the materials that have a stand-in")
     sub = command("fit", fit_command, ["file"], "fit", source=True)
     sub.add_argument("model", help="name of the model; `brdfatlas models` lists them")
-    sub.add_argument("file", metavar="FILE.binary", help="measured file")
+    sub.add_argument("file", metavar="FILE", help="measured file, of any format")
     sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, help="of the random numbers of the fit")
     sub.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the model")
     fit_of = {"metavar": "FIT", "help": "fit that `brdfatlas fit` wrote"}

@@ -20,6 +20,7 @@ MOST_BYTES = 2**31
 ENDINGS = {
     "fit": (".npz",),
     "MERL table": (".binary",),
+    "table": (".binary", ".csv"),
     "EXR picture": (".exr",),
     "picture": (".exr", ".png"),
     "JSON": (".json",),

@@ -12,6 +12,7 @@ import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, N_PHI_D, half_difference
 from brdfatlas.compiled import njit
+from brdfatlas.files import shown
 
 N_CELLS = int(np.prod(GRID_SHAPE))
 #: What a table may be: a measurement, somebody's reconstruction of one (a network, a fit), or a built-in stand-in.
@@ -20,6 +21,9 @@ KINDS = MEASURED, RECONSTRUCTED, STANDIN = "measured", "reconstructed", "stand-i
 
 class MeasuredError(ValueError):
     """A file that cannot be used as a measured BRDF; the message is one line that names the file and the fault."""
+
+    def __init__(self, message: object):
+        super().__init__(shown(message))  # whatever bytes the file has where a name or a number should be
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,12 @@ class Measured:
     def evaluate(self, wi, wo) -> np.ndarray:
         """rgb in 1/sr at directions (..., 3), trilinear, extended beyond the horizon; 0 below the surface."""
         return look_up(self.extended, wi, wo)
+
+    def evaluate_measured(self, wi, wo) -> np.ndarray:
+        """As :meth:`evaluate`, but NaN where the cells around were not measured for the most part."""
+        values = self.evaluate(wi, wo)
+        known = look_up(self.valid[..., None].astype(np.float32), wi, wo)
+        return np.where(known > 0.5, values, np.nan)
 
 
 def fold(table: np.ndarray) -> np.ndarray:

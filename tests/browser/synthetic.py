@@ -252,7 +252,7 @@ def make_run(
                         "parameters": {"kd": rng.uniform(0, 1, 3).tolist(), "n": (10 ** rng.uniform(0, 4, 4)).tolist()},
                     }
                 (folder / f"{model}.json").write_text(json.dumps(fit))
-                if pictures:
+                if pictures and model.startswith("toy"):
                     save_fit(folder / f"{model}.npz", model, material, {} if bad else fit["parameters"], standin)
         write_table(results / f"errors/{material}.tsv", ["material", "model", "scene", "status", *MEASURES], rows)
         write_table(results / f"errors/{material}.brdf.tsv", ["material", "model", *BRDF_MEASURES], brdf)

@@ -250,8 +250,9 @@ def test_nothing_is_cut_without_a_cue(browser, site, width):
         page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
         page.wait_for_timeout(300)
         hidden = page.evaluate(
-            "[...document.querySelectorAll('.scroll')].filter((s) => s.checkVisibility() && s.scrollWidth > s.clientWidth + 2"
-            " && !s.classList.contains('more')).map((s) => s.getAttribute('aria-label'))"
+            "[...document.querySelectorAll('.scroll')].filter((s) => s.checkVisibility()"
+            " && s.scrollWidth > s.clientWidth + 2 && !s.classList.contains('more'))"
+            ".map((s) => s.getAttribute('aria-label'))"
         )
         assert hidden == [], name
         for box in page.locator(".scroll:visible").all():

@@ -231,13 +231,15 @@ def test_principled_is_mitsubas_plugin():
 
 
 def steepness(parameters, wi, wo):
-    """Relative change of D of the clearcoat and the main lobe for roundings of cos theta_h in float32."""
+    """What the roundings of float32 change, relatively: D of both lobes where cos theta_h moves, and the shadowing of
+    directions at the horizon, whose length is 1 to a rounding only."""
     h = wi.astype(float) + wo
     sin2 = (h[:, 0] ** 2 + h[:, 1] ** 2) / (h**2).sum(1)
     sharp = 0.1 - 0.099 * parameters["clearcoat_gloss"][0]
     alpha = max(MIN_ALPHA, parameters["roughness"][0] ** 2)
     moved = 8 * np.finfo(np.float32).eps  # of the square, after its own few roundings
-    return (moved / (sharp**2 + sin2) + 2 * moved / (alpha**2 + sin2))[:, None]
+    grazing = 1 / wi[:, 2].astype(float) ** 2 + 1 / wo[:, 2].astype(float) ** 2
+    return (moved * (1 / (sharp**2 + sin2) + 2 / (alpha**2 + sin2) + grazing))[:, None]
 
 
 def oracle(material):

@@ -254,10 +254,12 @@ def test_faults_are_one_line_and_leave_no_file(tmp_path, capsys):
     hand = fit_of("gltf")
     hand.parameters["metallic"][:] = 1.5
     hand.save(tmp_path / "hand.npz")
+    with pytest.raises(ExportError, match=r"metallic = \[1\.5\] is outside its range 0 to 1"):
+        export(hand, "gltf", tmp_path / "hand.gltf")
+    assert not (tmp_path / "hand.gltf").exists()
     (tmp_path / "file").write_text("no folder")
     for arguments, told in (
-        (["fit.npz", "--to", "unreal", "-o", "out/a"], "unknown target 'unreal'; known targets: mitsuba"),
-        (["hand.npz", "--to", "gltf", "-o", "out/a.gltf"], "metallic = [1.5] is outside its range 0 to 1"),
+        (["hand.npz", "--to", "gltf", "-o", "out/a.gltf"], "metallic is not within 0 to 1"),
         (["none.npz", "--to", "gltf", "-o", "out/a.gltf"], "none.npz"),
         (["fit.npz", "--to", "gltf", "-o", "file/a.gltf"], "file"),
     ):
@@ -267,6 +269,12 @@ def test_faults_are_one_line_and_leave_no_file(tmp_path, capsys):
         assert told in captured.err
         assert len(captured.err.strip().splitlines()) == 1
         assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
+def test_an_unknown_target_names_the_known_ones(tmp_path):
+    with pytest.raises(ExportError, match="unknown target 'unreal'; known targets: mitsuba, materialx, gltf, json"):
+        export(fit_of("gltf"), "unreal", tmp_path / "a")
+    assert not (tmp_path / "a").exists()
 
 
 def test_the_report_beside_a_fit_says_how_good_it_is(tmp_path):

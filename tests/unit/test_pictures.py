@@ -108,7 +108,14 @@ def test_maps_of_different_models_share_one_scale():
 
     for picture, value in ((near, 0.41), (far, 0.45)):
         delta = float(delta_e_map(np.full((1, 3), 0.4), np.full((1, 3), value), 1.0)[0])
-        assert place(picture) == pytest.approx(255 * delta / pictures.DE00_RANGE, abs=1.5)
+        assert place(picture) == pytest.approx(255 * np.log(delta / 0.1) / np.log(300), abs=1.5)
+
+
+def test_maps_tell_small_errors_apart():
+    """Three errors a decade apart each are spread over the scale; what lies outside is shown as its ends."""
+    place = pictures.log_place(np.array([0.0, 0.1, 1.0, 10.0, 30.0, 99.0]), pictures.DE00_RANGE)
+    assert list(place[[0, 1, 4, 5]]) == pytest.approx([0, 0, 1, 1])
+    assert np.diff(place[1:4]) == pytest.approx([np.log(10) / np.log(300)] * 2)
 
 
 def test_a_hundredth_of_white_is_visible_and_the_scale_is_odd():
@@ -122,8 +129,8 @@ def test_a_hundredth_of_white_is_visible_and_the_scale_is_odd():
 def test_bars_are_svg_whose_labels_sit_where_the_map_puts_their_values(tmp_path):
     pictures.write_bars(tmp_path)
     for name, table, place in (
-        ("bar-de00", "cividis", lambda v: v / pictures.DE00_RANGE),
-        ("bar-flip", "magma", lambda v: v),
+        ("bar-de00", "cividis", lambda v: float(pictures.log_place(np.array(v), pictures.DE00_RANGE))),
+        ("bar-flip", "magma", lambda v: float(pictures.log_place(np.array(v), pictures.FLIP_RANGE))),
         ("bar-diff", "RdBu_r", lambda v: float(pictures.signed_root(np.array(v)))),
     ):
         root = ElementTree.parse(tmp_path / f"{name}.svg").getroot()

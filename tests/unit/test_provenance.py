@@ -13,6 +13,7 @@ from brdfatlas.pipeline.provenance import imports_of, module_path, provenance, s
 #: What a model is made of, as its paper says: a metric changed, or fits that others start from.
 STARTS = {"sgd", "g_from_d"}
 BUILT_ON = {
+    "ggx2_diffuse": {"ggx_diffuse"},
     "independent_g": STARTS,
     "bivariate_g": STARTS | {"independent_g"},
     "low_rank": STARTS | {"independent_g", "bivariate_g"},
@@ -28,10 +29,12 @@ def test_a_model_depends_on_itself_and_shared_parts_and_on_no_model_but_those_it
         assert strangers == BUILT_ON.get(name, set()), f"{name} depends on {strangers}"
 
 
-def test_imports_are_followed_and_inits_are_not(tmp_path):
-    found = sources_of("brdfatlas.fits")
-    assert any(path.name == "measured.py" for path in found)
-    assert not any(path.name == "__init__.py" for path in found)
+def test_imports_are_followed_into_rooms_and_not_into_the_registry():
+    found = {str(path.relative_to(room.ROOT)) for path in sources_of("brdfatlas.fits", "brdfatlas.rendering.jobs")}
+    assert {"measured.py", "rendering/__init__.py"} <= found
+    assert not {"__init__.py", "models/__init__.py"} & found
+    readers = {str(path.relative_to(room.ROOT)) for path in sources_of("brdfatlas.formats.reader")}
+    assert {"formats/merl.py", "formats/rgl.py"} <= readers
 
 
 def test_a_model_file_of_a_user(tmp_path):

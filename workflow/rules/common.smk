@@ -10,7 +10,7 @@ from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.export.uber_texture import HEIGHT, has_row
 from brdfatlas.models import read_entries
 from brdfatlas.models.given import why_no_row
-from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config
+from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config, read_rgl
 from brdfatlas.pipeline.leftovers import missing_files
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.pipeline.provenance import provenance, shipped
@@ -26,9 +26,11 @@ try:
     config = read_config(config)
     ALL_ENTRIES = read_entries(config["models_file"])
     ALL_SCENES = read_scenes(config["scenes_file"])
-    MODELS = choose(config["models"], list(ALL_ENTRIES), "models", config["models_file"])
+    MODELS = choose(config["models"], list(ALL_ENTRIES), "models", str(config["models_file"]))
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
     ASSETS = read_assets("config/assets.yaml")
+    PUBLISHED_FITS = read_assets("config/published_fits.yaml")
+    RGL = read_rgl("config/rgl.yaml")
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     FOUND, LEFT_OUT, CHECKS = find_materials(config, "results/standins", "results/checks.json")
 except ValueError as error:

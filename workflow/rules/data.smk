@@ -1,10 +1,12 @@
-# Files of others, from their public homes, only when asked for: `snakemake merl`, `snakemake assets`.
+# Files of others, from their public homes, only when asked for: `snakemake rgl`, `merl`,
+# `assets`, `published_fits`.
 
 
 # Where jobs run on other machines, these stay on this one: nodes of a cluster are often offline.
 localrules:
     merl,
     assets,
+    rgl,
     published_fits,
     download_merl,
 
@@ -35,21 +37,6 @@ rule download_merl:
         "../scripts/download_merl.py"
 
 
-rule published_fits:
-    log:
-        "results/logs/fetch_published_fits.log",
-    resources:
-        mem_mb=500,
-        runtime=60,
-    params:
-        assets=read_assets("config/published_fits.yaml"),
-        folder="data/published_fits",
-    message:
-        "fetching what is missing in data/published_fits"
-    script:
-        "../scripts/fetch_assets.py"
-
-
 # No output: Snakemake removes outputs before it makes them, and what lies in data/assets may be the user's own.
 rule assets:
     log:
@@ -64,3 +51,24 @@ rule assets:
         "fetching what is missing in data/assets"
     script:
         "../scripts/fetch_assets.py"
+
+
+# Real measurements in a minute: the isotropic materials of the RGL database.
+use rule assets as rgl with:
+    log:
+        "results/logs/fetch_rgl.log",
+    params:
+        assets=RGL,
+        folder=config["measured_folder"] or "data/measured",
+    message:
+        "fetching what is missing of the RGL database"
+
+
+use rule assets as published_fits with:
+    log:
+        "results/logs/fetch_published_fits.log",
+    params:
+        assets=PUBLISHED_FITS,
+        folder="data/published_fits",
+    message:
+        "fetching the published fits that are missing"

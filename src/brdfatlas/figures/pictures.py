@@ -4,8 +4,8 @@ A folder for each scene and model of a material, renders/{scene}/{model}/ (:func
 any separator but this one:
 
     render.webp   tone-mapped render (also of "reference")
-    de00.webp     CIEDE2000, cividis, 0 to 10; larger values are shown as 10
-    flip.webp     FLIP, magma, 0 to 1 (the colour map of FLIP's authors)
+    de00.webp     CIEDE2000, cividis, 0.1 to 30, logarithmic: fits differ by decades
+    flip.webp     FLIP, magma (the colour map of FLIP's authors), 0.01 to 1, logarithmic
     diff.webp     signed difference of luminance, blue (too dark) - white - red (too bright)
     hdr.webp      linear radiance, lossless
 
@@ -34,7 +34,8 @@ from brdfatlas.files import atomic_path, digests, write_json, write_text
 from brdfatlas.measures.errors import Tone, delta_e_map, displayed, flip_map, to_8_bit
 from brdfatlas.rendering.images import Render, load_render, tone_map
 
-DE00_RANGE = 10.0
+#: Ends of the logarithmic scales of maps; values outside are shown as the nearer end.
+DE00_RANGE, FLIP_RANGE = (0.1, 30.0), (0.01, 1.0)
 KINDS = ("render", "de00", "flip", "diff", "hdr")
 
 
@@ -56,6 +57,12 @@ def apply_colours(values: np.ndarray, table: np.ndarray, mask: np.ndarray) -> np
     rgba[mask, :3] = table[to_8_bit(values[mask])]
     rgba[mask, 3] = 255
     return rgba
+
+
+def log_place(values: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
+    """Where values lie on a logarithmic scale between its ends, in [0, 1]; 0 goes to 0."""
+    low, high = ends
+    return np.log(np.clip(values, low, high) / low) / np.log(high / low)
 
 
 def signed_root(difference: np.ndarray) -> np.ndarray:
@@ -105,8 +112,8 @@ def scene_pictures(reference: Render, image: Render, tone: Tone, *, hdr: bool = 
     signed = signed_root(luminance_difference(reference.mean, image.mean, tone.exposure))
     pictures = {
         "render": to_8_bit(tone_map(image.mean, *tone)),
-        "de00": apply_colours(delta / DE00_RANGE, colour_table("cividis"), mask),
-        "flip": apply_colours(flip_map(shown, compared), colour_table("magma"), mask),
+        "de00": apply_colours(log_place(delta, DE00_RANGE), colour_table("cividis"), mask),
+        "flip": apply_colours(log_place(flip_map(shown, compared), FLIP_RANGE), colour_table("magma"), mask),
         "diff": apply_colours(signed, colour_table("RdBu_r"), mask),
     }
     return pictures | ({"hdr": encode_hdr(image.mean)} if hdr else {})
@@ -189,11 +196,16 @@ def colour_bar(table: np.ndarray, ticks: Iterable[tuple[float, str]], title: str
 def write_bars(folder: str | os.PathLike) -> None:
     """Write bar-de00.svg, bar-flip.svg and bar-diff.svg: the scales of the three kinds of maps."""
     folder = Path(folder)
-    de00 = [(value / DE00_RANGE, f"{value:g}") for value in (0, 1, 2, 4, 6, 8)] + [(1.0, f"≥ {DE00_RANGE:g}")]
-    flip = [(value, f"{value:g}") for value in (0, 0.2, 0.4, 0.6, 0.8, 1)]
+    de00, flip = (
+        [(float(log_place(np.array(value), ends)), f"{value:g}") for value in values]
+        for values, ends in (
+            ((0.1, 0.3, 1, 3, 10, 30), DE00_RANGE),
+            ((0.01, 0.03, 0.1, 0.3, 1), FLIP_RANGE),
+        )
+    )
     steps = (-1, -0.5, -0.2, -0.05, 0, 0.05, 0.2, 0.5, 1)
     diff = [(float(signed_root(np.array(d))), f"{d:+g}".replace("-", "−") if d else "0") for d in steps]
-    write_text(folder / "bar-de00.svg", colour_bar(colour_table("cividis"), de00, "CIE ΔE00"))
-    write_text(folder / "bar-flip.svg", colour_bar(colour_table("magma"), flip, "FLIP"))
+    write_text(folder / "bar-de00.svg", colour_bar(colour_table("cividis"), de00, "CIE ΔE00, logarithmic"))
+    write_text(folder / "bar-flip.svg", colour_bar(colour_table("magma"), flip, "FLIP, logarithmic"))
     title = "luminance, fit − reference (1 = white)"
     write_text(folder / "bar-diff.svg", colour_bar(colour_table("RdBu_r"), diff, title))

@@ -70,7 +70,7 @@ def _directory(path: Path) -> dict[str, _Field]:
         place = 18
         for number in range(count):
             (length,) = struct.unpack_from("<H", head, place)
-            name = head[place + 2 : place + 2 + length].decode("ascii", "replace")
+            name = head[place + 2 : place + 2 + length].decode("ascii", "backslashreplace")
             place += 2 + length
             dimensions, kind, offset = struct.unpack_from("<HBQ", head, place)
             if dimensions > 8 or kind not in TYPES:
@@ -109,7 +109,9 @@ def _tensor(path: Path, fields: dict[str, _Field], name: str, shape: tuple[int |
     count = int(np.prod(field.shape)) * field.dtype.itemsize
     if count > FIELD_BYTES:
         raise MeasuredError(f"{path}: field {name!r} has {count:,} bytes, at most {FIELD_BYTES:,} are read")
-    values = np.frombuffer(read_bytes(path, count, field.offset), field.dtype).reshape(field.shape).astype(float)
+    values = np.frombuffer(read_bytes(path, count, field.offset), field.dtype).reshape(field.shape)
+    with np.errstate(invalid="ignore"):  # a damaged number may be a signalling NaN
+        values = values.astype(float)
     if not np.isfinite(values).all():
         raise MeasuredError(f"{path}: field {name!r} holds {int((~np.isfinite(values)).sum()):,} NaN or Inf")
     return values
@@ -125,7 +127,7 @@ def read_tensors(path: str | os.PathLike) -> Tensors:
     theta_i = _tensor(path, fields, "theta_i", (None,))
     n = theta_i.size
     if n < 2 or (np.diff(theta_i) <= 0).any() or theta_i[0] < 0 or theta_i[-1] > np.pi / 2 + 1e-5:
-        raise MeasuredError(f"{path}: field 'theta_i' must rise within 0 to pi/2 radians, it has {theta_i[:9]}")
+        raise MeasuredError(f"{path}: field 'theta_i' must rise within 0 to pi/2 radians: {theta_i[:9].tolist()}")
     sigma = _tensor(path, fields, "sigma", (None, None))
     ndf = _tensor(path, fields, "ndf", (None, None))
     vndf = _tensor(path, fields, "vndf", (1, n, None, None))[0]

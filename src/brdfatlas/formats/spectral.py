@@ -97,6 +97,11 @@ def _load(path: str | os.PathLike, colour: bool) -> tuple[Samples, tuple[str, ..
     return Samples(wi, wo, values, places[keep]), warnings, note
 
 
+def load_samples(path: str | os.PathLike) -> Samples:
+    """The pairs of directions, with the mean over the wavelengths as values. MeasuredError, one line."""
+    return _load(path, colour=False)[0]
+
+
 def check(path: str | os.PathLike) -> None:
     """MeasuredError (one line: file, line, fault and remedy) if :func:`read` would refuse the file."""
     samples, _, _ = _load(path, colour=False)

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from brdfatlas.files import atomic_path
-from brdfatlas.formats.files import check_values, read_text
+from brdfatlas.formats import spectral
+from brdfatlas.formats.files import HEAD_BYTES, check_values, read_bytes, read_text
 from brdfatlas.formats.scattered import Samples, checked, on_sphere, to_measured
 from brdfatlas.measured import KINDS, MEASURED, Measured, MeasuredError
 
@@ -75,7 +76,7 @@ def quantity_of(text: str) -> str | None:
         return FACTOR
     if "cos" in letters:
         return F_COS
-    return F if letters.startswith(("f", "brdf")) or letters in ("sr", "persr", "invsr") else None
+    return F if letters in ("f", "fr", "fs") or letters.startswith("brdf") or letters.endswith("sr") else None
 
 
 def _header(path: Path, lines: list[str]) -> _Header:
@@ -214,9 +215,17 @@ def regular_directions(step: float = 10.0) -> tuple[np.ndarray, np.ndarray]:
     return wi, np.stack([np.sin(o) * np.cos(p), np.sin(o) * np.sin(p), np.cos(o)], -1)
 
 
-def write_csv(path: str | os.PathLike, wi: np.ndarray, wo: np.ndarray, values: np.ndarray, kind: str, about: str):
-    """Write f (n, 3) in 1/sr at pairs of unit vectors (n, 3) as a table that :func:`read` takes; rows of NaN are left
-    out. ``kind``: of measured.KINDS; ``about``: a line of text. Whole or not at all."""
+def scattered_directions(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
+    """The pairs of directions, each (n, 3), of a table or of a file of spectral text. MeasuredError for others."""
+    samples = _load(path)[0] if recognises(read_bytes(path, HEAD_BYTES)) else spectral.load_samples(path)
+    return samples.wi, samples.wo
+
+
+def write_csv(
+    path: str | os.PathLike, wi: np.ndarray, wo: np.ndarray, values: np.ndarray, kind: str, about: str
+) -> int:
+    """Write f (n, 3) in 1/sr at pairs of unit vectors (n, 3) as a table that :func:`read` takes; returns its rows: NaN
+    is left out. ``kind``: of measured.KINDS; ``about``: a line of text. Whole or not at all."""
     angles = []
     for w in (wi, wo):
         angles += [np.arctan2(np.hypot(w[:, 0], w[:, 1]), w[:, 2]), np.arctan2(w[:, 1], w[:, 0])]
@@ -226,3 +235,4 @@ def write_csv(path: str | os.PathLike, wi: np.ndarray, wo: np.ndarray, values: n
     head = f"# values: f\n# angles: degrees\n{marked}# note: {' '.join(about.split())}\n{','.join((*ANGLES, *COLOURS))}"
     with atomic_path(path) as temporary:
         np.savetxt(temporary, rows, "%.9g", ",", header=head, comments="", encoding="utf-8")
+    return len(rows)

@@ -6,7 +6,7 @@
 """
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
@@ -85,11 +85,25 @@ class Entry:
         return asdict(self)
 
 
-def read_entries(path: str | Path) -> dict[str, Entry]:
-    """The entries of a file such as config/models.yaml, in its order; every option is checked by its model.
+def read_entries(paths: str | Path | Sequence[str | Path]) -> dict[str, Entry]:
+    """The entries of a file such as config/models.yaml, or of several, in their order; every option is checked by its
+    model.
 
     ConfigError: one line with file, name and remedy.
     """
+    entries: dict[str, Entry] = {}
+    for path in [paths] if isinstance(paths, str | Path) else paths:
+        found = _entries_of(path)
+        if entries.keys() & found.keys():
+            raise ConfigError(
+                f"{path}: {min(entries.keys() & found.keys())}: another file has this name, choose another"
+            )
+        entries |= found
+    return entries
+
+
+def _entries_of(path: str | Path) -> dict[str, Entry]:
+    """The entries of one file."""
     rows = check(read_yaml(path), read_yaml(SCHEMA), str(path))
     entries = {}
     for name, row in rows.items():

@@ -16,6 +16,13 @@ def read_assets(path: str | Path) -> dict[str, dict[str, Any]]:
     return {check_name(name, str(path)): source for name, source in assets.items()}
 
 
+def read_rgl(path: str | Path) -> dict[str, dict[str, Any]]:
+    """config/rgl.yaml: name of a file in data/measured -> where it comes from, as :func:`read_assets`."""
+    rgl = check(read_yaml(path), read_yaml(SCHEMAS / "rgl.schema.yaml"), str(path))
+    files = {name: rgl["url"].format(name=check_name(name, str(path))) for name in rgl["materials"]}
+    return {f"{name}_rgb.bsdf": {"url": url, "terms": rgl["terms"], "member": ""} for name, url in files.items()}
+
+
 def check_samples(config: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:
     """ConfigError, naming file and key, if the settings of a run give a scene less than a sample a batch."""
     render = config["render"]

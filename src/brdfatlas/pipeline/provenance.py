@@ -18,15 +18,15 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def module_path(module: str) -> Path | None:
-    """The file of a module of this package; None for a package's ``__init__`` and for what is not ours.
+    """The file of a module of this package, or of a room's ``__init__``; None for what is not ours.
 
-    An ``__init__`` only gathers names, and the registry's must not tie every model to every other.
+    None also for the package itself and the registry of models, which must not tie every model to every other.
     """
     parts = module.split(".")
-    if parts[0] != PACKAGE or len(parts) == 1:
+    if parts[0] != PACKAGE or module in (PACKAGE, f"{PACKAGE}.models"):
         return None
-    path = ROOT.joinpath(*parts[1:]).with_suffix(".py")
-    return path if path.is_file() else None
+    path = ROOT.joinpath(*parts[1:])
+    return next((file for file in (path.with_suffix(".py"), path / "__init__.py") if file.is_file()), None)
 
 
 @cache

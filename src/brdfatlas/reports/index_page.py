@@ -158,7 +158,7 @@ def model_rows(summary: Summary) -> list[dict[str, Any]]:
                 "places": {key: found.get(name) for key, found in places.items()},
                 "wins": {key: None if noise else found[name] for key, found in wins.items()},
                 "missing": 0 if noise else summary.missing[name],
-                "failures": int((mine["status"] != "ok").sum()),
+                "failures": int((mine["status"] == "failed").sum()),
                 "best": {key for key, names in best.items() if name in names},
             }
         )

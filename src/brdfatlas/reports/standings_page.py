@@ -142,7 +142,8 @@ def scene_rows(summary: pd.DataFrame, models: Sequence[str]) -> dict[str, Any]:
 
 
 def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, Any]]:
-    """For each class of material a table: its rows with (mean, median) per measure, the best of each column marked."""
+    """For each class of material a table: its rows, best first, with (mean, median) per measure; the best of each
+    column is marked."""
     tables = []
     for class_name in CLASSES:
         part = summary[(summary["class"] == class_name) & (summary["scene"] == "all")].set_index("model")
@@ -150,7 +151,8 @@ def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, A
             continue
         judged = [name for name in models if name in part.index and comparable(part.loc[name])]
         rows = []
-        for name in [*(name for name in models if name in part.index), REFERENCE_AGAIN]:
+        best_first = part[part.index.isin(models)].sort_values(f"{LEADING}_median", kind="stable").index
+        for name in [*best_first, REFERENCE_AGAIN]:
             if name not in part.index:
                 continue
             cells = []

@@ -231,7 +231,7 @@ class EngineModel(Model):
         try:
             grid = Grid(measured.table, chosen["objective"])
             space = Space(self, self.fixed(chosen))
-            found, ends = self._descend(space, grid, self.starts(space, measured, chosen, seed))
+            found, ends = self.best(space, grid, measured, chosen, seed)
         except (NoFiniteStartError, ValueError) as error:
             raise FitError(f"{self.name} on {measured.name}: {error}") from None
         parameters = self.named(space.natural(found.x))
@@ -253,6 +253,12 @@ class EngineModel(Model):
         for first in space.colours:
             starts[:, first : first + 3] = lower[first] + drawn[:, first, None] * tint * (upper[first] - lower[first])
         return starts
+
+    def best(
+        self, space: "Space", grid: Grid, measured: Measured, options: Mapping[str, Any], seed: int
+    ) -> tuple[Solution, list[tuple[float, float]]]:
+        """The best minimum found, and the objective before and after the descent of every start on coarse cells."""
+        return self._descend(space, grid, self.starts(space, measured, options, seed))
 
     def _descend(self, space: "Space", grid: Grid, starts: np.ndarray) -> tuple[Solution, list[tuple[float, float]]]:
         lower, upper = space.bounds()

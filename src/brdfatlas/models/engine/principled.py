@@ -28,13 +28,6 @@ CLEARCOAT_ALPHA, CLEARCOAT_SHADOWING = (0.1, 0.001), 0.25
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gtr1(sin2_h, alpha):
-    """Burley's GTR distribution of exponent 1, in 1/sr (Burley 2012, appendix B.2, Eq. 4)."""
-    squared = alpha * alpha
-    return (squared - 1) / (np.pi * np.log(squared) * (squared + (1 - squared) * sin2_h))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def diffuse(cos_i, cos_o, cos_d, roughness, flatness):
     """Diffuse and retro-reflection, blended with the flat approximation of subsurface scattering; times pi / base."""
     at_i, at_o = fifth(cos_i), fifth(cos_o)
@@ -56,7 +49,16 @@ def principled(p, samples, out):
     eta = 2 / (1 - np.sqrt(0.08 * p[4])) - 1
     at_normal = ((eta - 1) / (eta + 1)) ** 2
     luminance = RED * p[0] + GREEN * p[1] + BLUE * p[2]
-    clear_alpha = CLEARCOAT_ALPHA[0] + (CLEARCOAT_ALPHA[1] - CLEARCOAT_ALPHA[0]) * p[11]
+    # Burley's GTR of exponent 1 (Burley 2012, appendix B.2, Eq. 4): clear_scale / (clear + (1 - clear) sin^2 theta_h)
+    clear = (CLEARCOAT_ALPHA[0] + (CLEARCOAT_ALPHA[1] - CLEARCOAT_ALPHA[0]) * p[11]) ** 2
+    clear_scale = p[10] * (clear - 1) / (np.pi * np.log(clear))
+    # of each channel: base colour, F0 of tinted reflection, sheen
+    colours = np.empty((3, 3), p.dtype)
+    for c in range(3):
+        tint = p[c] / luminance if luminance.real > 0 else 1 + 0 * luminance
+        colours[0, c], colours[1, c] = p[c], tint * at_normal
+        colours[2, c] = sheen * (1 - metallic) * (1 + p[8] * (tint - 1))
+    tinted, plain = (1 - metallic) * spec_tint, (1 - metallic) * (1 - spec_tint)
     for n in range(samples.shape[0]):
         cos_i, cos_o, sin2_h, cos_d = samples[n]
         grazing = fifth(cos_d)
@@ -64,16 +66,14 @@ def principled(p, samples, out):
         lobe = ggx(sin2_h, alpha) * visible_separable(cos_i, cos_o, alpha)
         if dielectric.real <= 0:  # the plugin's lobe is off then, metallic or not
             lobe = 0 * lobe
-        coat = p[10] * 0.25 * (0.04 + 0.96 * grazing) * gtr1(sin2_h, clear_alpha)
-        coat = coat * 4 * cos_i * cos_o * visible_separable(cos_i, cos_o, CLEARCOAT_SHADOWING)
+        shadowed = cos_i * cos_o * visible_separable(cos_i, cos_o, CLEARCOAT_SHADOWING)  # G1 G1 / 4
+        coat = clear_scale / (clear + (1 - clear) * sin2_h) * ((0.04 + 0.96 * grazing) * shadowed)
         matte = (1 - metallic) * diffuse(cos_i, cos_o, cos_d, roughness, flatness) / np.pi
+        common = lobe * (metallic * grazing + tinted * grazing + plain * dielectric) + coat
+        upward = lobe * (1 - grazing)
         for c in range(3):
-            tint = p[c] / luminance if luminance.real > 0 else 1 + 0 * luminance
-            metal = p[c] + (1 - p[c]) * grazing
-            tinted = tint * at_normal + (1 - tint * at_normal) * grazing
-            reflected = metallic * metal + (1 - metallic) * (spec_tint * tinted + (1 - spec_tint) * dielectric)
-            cloth = sheen * (1 - metallic) * grazing * (1 + p[8] * (tint - 1))
-            out[n, c] = matte * p[c] + cloth + lobe * reflected + coat
+            reflected = upward * (metallic * colours[0, c] + tinted * colours[1, c])
+            out[n, c] = matte * colours[0, c] + grazing * colours[2, c] + reflected + common
 
 
 class Principled(EngineModel):
@@ -115,6 +115,7 @@ class Principled(EngineModel):
         "sheen": (0.0, 0.3),
         "clearcoat": (0.0, 0.5),
     }
+    follow = (5, 2)
     targets = ("mitsuba",)
 
     def sampler(self, parameters):
