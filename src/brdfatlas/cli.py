@@ -204,7 +204,8 @@ def fit_info(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def standin_command(args: argparse.Namespace) -> dict[str, Any]:
-    """Write a built-in material in MERL format: the median of published fits, not a measurement."""
+    """Write a built-in material in MERL format: cell by cell the median of five published fits of the material of that
+    name (Bilgili et al. 2011), made reciprocal. It is no measurement, and a few do not look like their names."""
     from brdfatlas.pipeline.standins import standin_names, write_standin
 
     if args.list:

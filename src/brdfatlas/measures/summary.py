@@ -159,16 +159,19 @@ def best_of(values: Mapping[str, float | None], measure: Measure) -> list[str]:
     return [name for name, value in alive.items() if value == best]
 
 
-def best_by_noise(errors: pd.DataFrame, models: Sequence[str], measure: Measure) -> pd.DataFrame:
+def best_by_noise(
+    errors: pd.DataFrame, models: Sequence[str], measure: Measure, pairs: pd.DataFrame | None = None
+) -> pd.DataFrame:
     """Rows of the models that are best on a picture: all that the noise of the renders does not tell apart from the
-    best where the measure has a standard error, and all that print like it."""
+    best where the measure has a standard error (``pairs``: those of differences), and all that print like it."""
     good = errors[(errors["status"] == "ok") & errors["model"].isin(list(models))]
     if measure.key not in good or good.empty:
         return good.iloc[:0]
     places = set()
     if measure.key in RANKED:
         keys = ["material", "scene", "model"]
-        places = set(map(tuple, best_rows(errors, list(models), measure=measure.key)[keys].itertuples(index=False)))
+        best = best_rows(errors, list(models), measure=measure.key, pairs=pairs)
+        places = set(map(tuple, best[keys].itertuples(index=False)))
     kept = []
     for (material, scene), rows in good.groupby(["material", "scene"], sort=False):
         names = best_of(dict(zip(rows["model"], rows[measure.key], strict=True)), measure)
@@ -200,7 +203,8 @@ def pareto_front(points: Mapping[str, tuple[float, float]], higher_is_better: bo
 class Summary:
     """The numbers of a run, or of one material of it.
 
-    ``models``: entry -> its description, in the order of the configuration; ``errors``: rows of results/errors/*.tsv;
+    ``models``: entry -> its description, in the order of the configuration; ``errors``, ``pairs``: rows of
+    results/errors/*/images.tsv and pairs.tsv;
     ``fits``: one row a material and model (status, bytes, seconds, max_albedo and so on); ``classes``: material ->
     its class, in the order of the run.
     """
@@ -209,6 +213,7 @@ class Summary:
     errors: pd.DataFrame
     fits: pd.DataFrame
     classes: Mapping[str, str]
+    pairs: pd.DataFrame | None = None
 
     @cached_property
     def scores(self) -> dict[str, dict[str, Score]]:
@@ -265,7 +270,7 @@ class Summary:
 
     def wins(self, measure: Measure = LEADING) -> dict[str, int]:
         """Pictures on which a model is best (:func:`best_by_noise`)."""
-        counts = best_by_noise(self.errors, list(self.models), measure)["model"].value_counts()
+        counts = best_by_noise(self.errors, list(self.models), measure, self.pairs)["model"].value_counts()
         return {name: int(counts.get(name, 0)) for name in self.models}
 
     def cost(self, model: str, key: str, material: str | None = None) -> float:

@@ -85,6 +85,8 @@ class Material:
     brdf_errors: pd.DataFrame = field(default_factory=pd.DataFrame)
     #: entries of given parameters that have none for this material -> why
     absent: Mapping[str, str] = field(default_factory=dict)
+    #: standard errors of the differences between models of a picture
+    pairs: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     @property
     def name(self) -> str:
@@ -193,7 +195,9 @@ def read_material(
     errors: str | Path | None = None,
     brdf_errors: str | Path | None = None,
 ) -> Material:
-    """One material from the files of a run; ``fits`` are the JSON files of its models."""
+    """One material from the files of a run; ``fits`` are the JSON files of its models. The job that writes ``errors``
+    writes pairs.tsv beside it."""
+    pairs = Path(errors).with_name("pairs.tsv") if errors else None
     found, absent = {}, {}
     for path in fits:
         record = read_json(path)
@@ -208,6 +212,7 @@ def read_material(
         read_tsv(errors) if errors else pd.DataFrame(columns=["material", "model", "scene", "status"]),
         read_tsv(brdf_errors) if brdf_errors else pd.DataFrame(columns=["material", "model"]),
         absent,
+        read_tsv(pairs) if pairs and pairs.is_file() else pd.DataFrame(),
     )
 
 
@@ -287,6 +292,7 @@ def summarise_run(materials: Sequence[Material], models: Mapping[str, ModelFacts
         stack([material.errors for material in materials]),
         stack([fits_frame(material) for material in materials]),
         {material.name: str(material.facts.get("class") or "") for material in materials},
+        stack([material.pairs for material in materials]),
     )
 
 

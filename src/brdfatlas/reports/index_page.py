@@ -354,7 +354,7 @@ def _best_places(materials: Sequence[Material], scenes: Sequence[SceneFacts], mo
     return sorted(
         (scene_place[row.scene] * len(materials) + j) * (len(models) + 1) + model_place[row.model]
         for j, material in enumerate(materials)
-        for row in best_rows(material.errors, models, measure=PSNR.key).itertuples()
+        for row in best_rows(material.errors, models, measure=PSNR.key, pairs=material.pairs).itertuples()
         if row.scene in scene_place
     )
 

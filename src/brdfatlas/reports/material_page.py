@@ -239,7 +239,7 @@ def mark_best(material: Material, entries: Sequence[Entry]) -> None:
     """Mark the best of every picture and measure (:func:`best_by_noise`)."""
     by_name = {entry.name: entry for entry in entries}
     for measure in MEASURES:
-        for row in best_by_noise(material.errors, list(by_name), measure).itertuples():
+        for row in best_by_noise(material.errors, list(by_name), measure, material.pairs).itertuples():
             by_name[row.model].best.add((row.scene, measure.key))
     for measure in BRDF_MEASURES:
         for name in best_of({e.name: e.brdf[measure.key] for e in entries if e.brdf and not e.reason}, measure):
