@@ -90,6 +90,11 @@ class Entry:
         return self.facts is None
 
 
+#: What the page says of a material, where its description has it.
+FACTS = ("class", "source", "sha256", "albedo", "range", "format", "kind", "origin", "instrument", "note", "shares")
+FACTS += ("warnings",)
+
+
 def write_material_page(
     output: str | Path,
     *,
@@ -139,7 +144,7 @@ def write_material_page(
         here="material",
         **links,
         material=material,
-        facts={"class": "", "source": "", "sha256": "", "albedo": None, "range": None} | dict(material.facts),
+        facts=dict.fromkeys(FACTS, "") | dict(material.facts),
         swatch=_swatch(material.facts.get("albedo")),
         lede=material_lede(material, summary, scenes),
         previous=materials[place - 1] if place else "",
