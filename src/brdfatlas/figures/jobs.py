@@ -11,6 +11,7 @@ from brdfatlas.figures.curves import function_curves, lobe_curves, plot_curves
 from brdfatlas.figures.factors import plot_convergence, plot_slices, plot_weights
 from brdfatlas.figures.functions import plot_functions
 from brdfatlas.figures.lobes import plot_lobes
+from brdfatlas.figures.samples import plot_samples
 from brdfatlas.figures.summary import plot_summary
 from brdfatlas.files import digests, read_json, write_json, write_text
 from brdfatlas.fits import Fit, load_fit
@@ -47,7 +48,8 @@ def figures_job(
     lobes.svg with every model that has a fit (the reference alone if none has); the numbers of the page's charts in
     curves.js, functions.svg with the functions of all fits; functions/{model}.svg where a fit has
     named functions; convergence/{model}.svg where its report has a curve for each channel; slices.webp and weights.svg
-    where a fit is a sum of products. Figures of an earlier run that this one does not draw are removed.
+    where a fit is a sum of products; samples.svg of scattered data. Figures of an earlier run that this one does not
+    draw are removed.
     """
     folder = Path(folder)
     measured, loaded, titles = read(binary), load_fits(models, fits), titles_of(models)
@@ -57,6 +59,8 @@ def figures_job(
     drawn = {"lobes.svg", "curves.js"}
     if write_curves(folder, measured, loaded, tables, titles):
         drawn.add("functions.svg")
+    if plot_samples(measured, folder / "samples.svg"):
+        drawn.add("samples.svg")
     factored = {titles[name]: fit for name, fit in loaded.items() if fit.factors() is not None}
     if factored:
         plot_slices(measured, factored, folder / "slices.webp")
@@ -72,7 +76,14 @@ def figures_job(
         channels = (read_json(Path(fits) / f"{name}.json").get("details") or {}).get("channels")
         if channels and plot_convergence(channels, path, title=title):
             drawn.add(path.relative_to(folder).as_posix())
-    for pattern in ("functions/*.svg", "convergence/*.svg", "functions.svg", "slices.webp", "weights.svg"):
+    for pattern in (
+        "functions/*.svg",
+        "convergence/*.svg",
+        "functions.svg",
+        "slices.webp",
+        "weights.svg",
+        "samples.svg",
+    ):
         for path in folder.glob(pattern):
             if path.relative_to(folder).as_posix() not in drawn:
                 path.unlink()

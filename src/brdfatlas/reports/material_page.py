@@ -90,6 +90,11 @@ class Entry:
         return self.facts is None
 
 
+#: What the page says of a material, where its description has it.
+FACTS = ("class", "source", "sha256", "albedo", "range", "format", "kind", "origin", "instrument", "note", "shares")
+FACTS += ("warnings",)
+
+
 def write_material_page(
     output: str | Path,
     *,
@@ -139,7 +144,7 @@ def write_material_page(
         here="material",
         **links,
         material=material,
-        facts={"class": "", "source": "", "sha256": "", "albedo": None, "range": None} | dict(material.facts),
+        facts=dict.fromkeys(FACTS, "") | dict(material.facts),
         swatch=_swatch(material.facts.get("albedo")),
         lede=material_lede(material, summary, scenes),
         previous=materials[place - 1] if place else "",
@@ -365,6 +370,12 @@ def diagnostics(page: Path, folder: Path, entries: Sequence[Entry]) -> list[tupl
             found.append((title, caption, picture))
 
     add(
+        folder / "samples.svg",
+        "Samples",
+        "Where the material was measured, over θh and θd, and how far the nearest sample is from each cell of the grid "
+        "(mean over φd); white: outside the hull of the samples, unmeasured.",
+    )
+    add(
         folder / "slices.webp",
         "Slices",
         "The BRDF at φd = 90°, θh to the right and θd upwards, of the reference and the fits, under the compressive "
@@ -382,7 +393,7 @@ def diagnostics(page: Path, folder: Path, entries: Sequence[Entry]) -> list[tupl
     for entry in entries:
         text = "Objective over the iterations of every start, one plot per colour channel."
         add(folder / "convergence" / f"{entry.name}.svg", entry.title, text)
-    placed = {"lobes.svg", "weights.svg", "functions.svg"}
+    placed = {"samples.svg", "lobes.svg", "weights.svg", "functions.svg"}
     for path in sorted(folder.glob("*.svg")):
         if path.name not in placed:
             add(path, path.stem.replace("-", " ").replace("_", " ").capitalize(), "")
