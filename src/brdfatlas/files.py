@@ -173,6 +173,12 @@ def plain(value: Any) -> Any:
     return value
 
 
+def shortest_number(value: np.floating) -> float:
+    """The number with the fewest digits that give ``value`` back in its own type: 0.1 for float32(0.1). Unlike ``str``
+    it does not depend on the print options of the process, which some libraries change."""
+    return float(np.format_float_scientific(value, unique=True))
+
+
 def read_json(path: str | os.PathLike) -> Any:
     """Read a JSON file. ValueError for what is not JSON; FileFault naming the file for no regular file or one beyond
     MOST_BYTES."""

@@ -71,8 +71,8 @@ def test_the_database_takes_the_place_of_the_stand_ins(project, address, tmp_pat
 
     done = project.snakemake("--dry-run", check=False)
     assert done.returncode != 0
-    assert "data/merl: no .binary file there (strict: true" in done.stdout
-    assert "`snakemake merl --config strict=False` downloads" in done.stdout
+    assert "data/measured and data/merl: no measurement there (strict: true" in done.stdout
+    assert "`snakemake rgl --config strict=False` downloads some" in done.stdout
     project.snakemake("merl", "--config", "strict=False")
     assert (project.root / "data" / "merl" / "chrome.binary").read_bytes() == binary.read_bytes()
     planned = project.planned()

@@ -188,7 +188,7 @@ def test_after_a_results_folder_that_cannot_be_written_the_next_run_completes(fi
 BROKEN = '''
 """A model that fails."""
 
-from brdfatlas.models import ggx
+from brdfatlas.models.dupuy2015 import ggx
 
 
 class Broken(ggx.GGX):

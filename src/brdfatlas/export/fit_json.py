@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfatlas.files import FileFault, read_json, shown, write_json
+from brdfatlas.files import FileFault, read_json, shortest_number, shown, write_json
 from brdfatlas.fits import Fit, check_fit
 
 FORMAT = "brdfatlas fit 1"
@@ -24,8 +24,8 @@ def fit_as_json(fit: Fit) -> dict[str, Any]:
             "unit": parameter.unit,
             "dtype": str(array.dtype),
             "shape": list(array.shape),
-            # str() of a float32 is its shortest decimal; float() of a float32 shows digits it does not have
-            "values": np.vectorize(lambda x: float(str(x)), otypes=[float])(array).tolist(),
+            # float() of a float32 shows digits that it does not have
+            "values": np.vectorize(shortest_number, otypes=[float])(array).tolist(),
         }
     paper = model.paper
     return {

@@ -11,7 +11,8 @@ ILLUMINATION = "illuminant D65, CIE 1931 2 degrees, linear sRGB"
 @cache
 def _observer() -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths 360 to 780 nm, and for each the rgb that reflectance 1 there adds under D65: (421,), (421, 3)."""
-    import colour
+    with np.printoptions():  # importing it changes them for the whole process
+        import colour
 
     shape = colour.SpectralShape(360, 780, 1)
     functions = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape).values

@@ -21,6 +21,7 @@ import numpy as np
 from brdfatlas.angles import GRID_SHAPE, grid_cosines, phi_d_centres, theta_d_centres, theta_h_centres
 from brdfatlas.compiled import njit
 from brdfatlas.constants import OBJECTIVE_NAMES
+from brdfatlas.files import shortest_number
 from brdfatlas.measured import Measured
 from brdfatlas.models.base import FitError, Function, Model, Option, Parameters, Result
 from brdfatlas.objectives import e2_weights, least_squares_weights
@@ -383,7 +384,7 @@ class Problem:
 
 def shortest(values: np.ndarray) -> list[float]:
     """Numbers with the fewest decimals that give back the stored ones."""
-    return [float(str(value)) for value in np.asarray(values).ravel()]
+    return [shortest_number(value) for value in np.asarray(values).ravel()]
 
 
 def microfacet_functions(alphas: Mapping[str, float], fresnel_values: np.ndarray) -> tuple[Function, ...]:
