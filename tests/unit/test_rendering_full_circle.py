@@ -122,7 +122,7 @@ def test_the_command_line_says_so(fits, tmp_path, capsys):
 
     for name, word in (("tucker", "mean of both orders"), ("ggx", "")):
         fits[name].save(tmp_path / "fit.npz")
-        main(["table", str(tmp_path / "fit.npz"), "-o", str(tmp_path / "t.binary")])
+        assert main(["table", str(tmp_path / "fit.npz"), "-o", str(tmp_path / "t.binary"), "--force"]) == 0
         said = capsys.readouterr().out
         assert ("mean of both orders" in said) == bool(word)
     expected = fold(fits["ggx"].table())

@@ -180,7 +180,7 @@ def test_after_a_results_folder_that_cannot_be_written_the_next_run_completes(fi
         subprocess.run(["mount", "-o", "remount,ro,bind", str(results_folder)], check=True)
         done = finished.snakemake("--forcerun", "measure_errors", *TARGET, check=False)
     assert done.returncode == 1
-    assert "Read-only file system" in done.stdout
+    assert "Write-protected output files for rule measure_errors" in done.stdout  # Snakemake's own words
     finished.snakemake("--forcerun", "measure_errors", *TARGET)
     assert differences(finished, undisturbed) == []
 
@@ -220,7 +220,8 @@ def test_failures_stop_nothing_but_are_told_in_report_and_exit_status(undisturbe
     done = project.snakemake(check=False)
     assert done.returncode == 1
     assert "1 of 2 fits failed" in done.stdout
-    assert "broken on felt: RuntimeError: the lamp is out" in done.stdout
+    told = next(line for line in done.stdout.splitlines() if line.startswith("broken on felt: "))
+    assert "RuntimeError: the lamp is out" in told
     assert json.loads((project.root / "results/fits/felt/ggx.json").read_text())["status"] == "ok"
     assert (project.root / "results" / "errors" / "felt" / "images.tsv").stat().st_size > 0
     pages = {path: path.read_text() for path in (project.root / "reports").rglob("*.html")}
