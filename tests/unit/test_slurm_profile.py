@@ -14,7 +14,16 @@ def test_every_rule_has_its_memory_in_the_slurm_profile():
     rules = {name for pair in rules for name in pair if name}
     blocks = [part.partition("\n\n")[0] for part in text.split("localrules:")[1:]]
     local = set(re.findall(r"^    (\w+),$", "\n".join(blocks), re.MULTILINE))
-    assert local == {"merl", "assets", "download_merl", "record_checks", "record_run", "record_reports"}
+    assert local == {
+        "merl",
+        "rgl",
+        "assets",
+        "published_fits",
+        "download_merl",
+        "record_checks",
+        "record_run",
+        "record_reports",
+    }
     profile = yaml.safe_load((WORKFLOW / "profiles" / "slurm" / "config.yaml").read_text())
     assert set(profile["set-resources"]) == rules - local
     for rule, resources in profile["set-resources"].items():

@@ -258,7 +258,7 @@ def page_data(
 
     def value(entry: Entry, scene: SceneFacts, key: str) -> float | None:
         found = entry.rows.get(scene.name, {}).get(key)
-        return None if found is None or math.isnan(found) else float(f"{found:.5g}")
+        return None if found is None or not math.isfinite(found) else float(f"{found:.5g}")
 
     keys = (LEADING.key, "flip_mean", "psnr_db", "psnr_se_db")
     return {
@@ -281,7 +281,7 @@ def page_data(
 
 
 def number_or_none(value: float) -> float | None:
-    return None if math.isnan(value) else float(f"{value:.5g}")
+    return None if not math.isfinite(value) else float(f"{value:.5g}")
 
 
 def _remarks(entries: Sequence[Entry]) -> list[tuple[str, list[str]]]:
