@@ -60,7 +60,7 @@ PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)
 
-# Libraries whose versions make a result another. Each rule states what it is made of: provenance(MODULES, libraries=...).
+# Libraries whose versions make a result another. Each job states what it is made of, by provenance().
 FITTING = ("numpy", "scipy", "numba")
 RENDERING = ("numpy", "mitsuba", "drjit")
 MEASURING = ("numpy", "numba", "scikit-image", "flip-evaluator")
@@ -112,7 +112,7 @@ def texture_rows(wildcards):
 
 
 def made_by(rule, **wildcards):
-    """Names of what a rule makes for all values of its wildcards. Plain names: a list of thousands of references to
+    """Names of what a rule makes, for all values of its wildcards. Plain names; a list of thousands of references to
     rules is planned in the square of its length."""
     return expand([str(file) for file in rule.output], **wildcards)
 
@@ -155,3 +155,10 @@ def lost(wildcards):
     files = made_by(rules.fit_model, material=begun, model=MODELS)
     files += made_by(rules.render_material, material=begun, scene=SCENES)
     return [file for file in files if not os.path.exists(file)]
+
+
+def render_settings(wildcards):
+    """How a scene is rendered: samples, batches, seed and Mitsuba's variant."""
+    settings = {key: config["render"][key] for key in ("samples", "batches", "seed", "variant")}
+    samples = ALL_SCENES[wildcards.scene]["samples"]
+    return settings | ({"samples": samples} if samples else {})

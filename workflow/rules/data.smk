@@ -46,7 +46,7 @@ rule download_merl:
         runtime=600,
     params:
         source=config["merl_source"],
-        folder=config["merl_folder"],
+        folder=lambda wildcards, output: str(Path(output[0]).parent),
     message:
         "downloading the MERL database"
     script:

@@ -2,13 +2,6 @@
 # every fit, all along the same paths. An EXR that is still right is kept, so a new model costs its own share only.
 
 
-def render_settings(wildcards):
-    """How a scene is rendered: samples, batches, seed and Mitsuba's variant."""
-    settings = {key: config["render"][key] for key in ("samples", "batches", "seed", "variant")}
-    samples = ALL_SCENES[wildcards.scene]["samples"]
-    return settings | ({"samples": samples} if samples else {})
-
-
 rule check_scenes:
     input:
         files=lambda wildcards: scene_files(SCENES),

@@ -85,7 +85,7 @@ rule write_material_page:
     params:
         provenance=provenance(SITE, files=TEMPLATES),
         pictures="reports/materials/{material}",
-        data="reports/data",
+        data=lambda wildcards: "reports/data",
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
         materials=neighbours,
         models=MODELS,
@@ -117,7 +117,7 @@ rule write_model_pages:
         folder=lambda wildcards, output: str(Path(output.pages[0]).parent),
         files=RUN_FILES,
         pictures="reports/materials",
-        data="reports/data",
+        data=lambda wildcards: "reports/data",
         models=MODELS,
         entries=ENTRIES,
         scenes=SHOWN_SCENES,
