@@ -131,7 +131,7 @@ def test_a_new_material_costs_that_material_only(finished_run):
 def test_a_template_reruns_what_is_made_of_it(finished_run):
     """Pages and PDF have templates of their own."""
     templates = finished_run.root / "src" / "brdfatlas" / "reports" / "templates"
-    targets = ["--", "reports/index.html", "results/pdf/chrome.pdf"]
+    targets = ["--", "reports/materials/chrome.html", "results/pdf/chrome.pdf"]
     finished_run.snakemake(*targets)
     for name, page, pdf in (("material.html.j2", True, False), ("supplement.typ", False, True)):
         restore = change(templates / name, "\n")
