@@ -26,7 +26,7 @@ def check_ranges(fit: Fit) -> None:
         inside = (values >= _below(parameter.low)) & (values <= _above(parameter.high))
         if not (np.isfinite(values) & inside).all():
             raise ExportError(
-                f"{fit.entry} of {fit.material}: {name} = {np.array2string(values, separator=', ')} is outside its "
+                f"{fit.entry} of {fit.material}: {name} = {values.tolist()} is outside its "
                 f"range {parameter.low:g} to {parameter.high:g}"
             )
 
