@@ -2,10 +2,13 @@
 
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from synthetic import HOSTILE, Run, make_run, toy_models
+
+from brdfatlas.models import MODELS
 
 #: No network, software GL: the pages must need neither network nor a graphics card.
 ARGUMENTS = [
@@ -74,12 +77,16 @@ def tab(browser):
     context.close()
 
 
-@pytest.fixture(scope="session")
-def site(tmp_path_factory) -> Run:
+@pytest.fixture(scope="package")
+def site(tmp_path_factory) -> Iterator[Run]:
     """Five materials with hostile titles, seven models of which one failed once, two scenes; every page written."""
     root = tmp_path_factory.mktemp("site")
     materials = ["alum-bronze", "pink-felt", "chrome", "yellow-plastic", "pvc"]
+    monkeypatch = pytest.MonkeyPatch()
+    # The models of this run are unknown again afterwards.
+    monkeypatch.setattr(MODELS, "_own", dict(MODELS._own))
     models = toy_models(root / "toys", 7)
     run = make_run(root, materials, models, failed=("chrome", "toy_03"), title=HOSTILE, size=48)
     run.write_site()
-    return run
+    yield run
+    monkeypatch.undo()

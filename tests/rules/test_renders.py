@@ -1,14 +1,10 @@
-"""Rules check_scenes, prepare_scene, render_material, each alone."""
+"""Rules prepare_scene, render_material, each alone."""
 
 import numpy as np
 
 from brdfatlas import read_merl
 from brdfatlas.rendering.images import load_render
 from brdfatlas.rendering.scenes import load_scene
-
-
-def test_check_scenes(run_rule):
-    assert run_rule("check_scenes", "results/scenes/checked.txt").read_text() == "studio_sphere: ok\n"
 
 
 def test_prepare_scene(run_rule):

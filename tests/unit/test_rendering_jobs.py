@@ -141,14 +141,13 @@ def test_a_failed_fit_is_said_to_have_failed(here):
     assert read_meta(here / "failed-a.exr")["status"] == "ok"
 
 
-def test_files_are_checked_before_any_rendering(here):
+def test_a_scene_with_a_bad_file_is_not_prepared(here):
     scenes = {"mine": SCENES["a"] | {"environment": {"kind": "file", "file": "gone.hdr"}}}
     (here / "bad.yaml").write_text(yaml.safe_dump(scenes))
+    definition = read_scenes(here / "bad.yaml")["mine"]
     with pytest.raises(SceneError, match=re.escape("bad.yaml: mine.environment.file: gone.hdr: no such file")):
-        jobs.check_scenes_job(read_scenes(here / "bad.yaml"), "bad.yaml", "llvm_ad_rgb", str(here / "checked.txt"))
-    assert not (here / "checked.txt").exists()
-    jobs.check_scenes_job(read_scenes(here / "scenes.yaml"), "scenes.yaml", "llvm_ad_rgb", str(here / "checked.txt"))
-    assert (here / "checked.txt").read_text() == "a: ok\nb: ok\n"
+        jobs.prepare_scene_job("mine", definition, 8, "llvm_ad_rgb", "bad.yaml", str(here / "mine.npz"))
+    assert not (here / "mine.npz").exists()
 
 
 def test_render_file(here):
@@ -184,4 +183,4 @@ def test_the_papers_scenes_are_valid():
     if not Path(scenes["grace_sphere"]["environment"]["file"]).exists():
         variant()
         with pytest.raises(SceneError, match=r"grace_sphere\.environment\.file: .*grace_probe\.hdr: no such file"):
-            jobs.check_scene(scenes["grace_sphere"], f"{path}: grace_sphere")
+            jobs.prepare_scene("grace_sphere", scenes["grace_sphere"], 8, source=str(path))

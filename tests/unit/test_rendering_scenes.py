@@ -11,7 +11,7 @@ from rendering_materials import variant
 
 from brdfatlas.rendering import environments, scenes
 from brdfatlas.rendering.meshes import MeshError, read_mesh, vertex_normals
-from brdfatlas.rendering.scenes import SceneError, check_scene, check_settings, read_scenes
+from brdfatlas.rendering.scenes import SceneError, check_settings, prepare_scene, read_scenes
 from brdfatlas.rendering.statue import statue_mesh
 
 BUILT_IN = Path(__file__).parents[2] / "config" / "scenes.yaml"
@@ -126,7 +126,7 @@ def test_bad_probes_are_named_before_rendering(tmp_path):
         file = str(tmp_path / name)
         path = write(tmp_path, ("environment", {"kind": "file", "file": file}))
         with pytest.raises(SceneError, match=re.escape(message)) as caught:
-            check_scene(read_scenes(path)["mine"], f"{path}: mine")
+            prepare_scene("mine", read_scenes(path)["mine"], 8, source=str(path))
         text = str(caught.value)
         assert "\n" not in text
         assert file in text
@@ -192,7 +192,7 @@ def test_a_missing_mesh_is_named_with_its_key(tmp_path):
     variant()
     path = write(tmp_path, ("geometry", [{"shape": "mesh", "file": "buddha.ply"}]))
     with pytest.raises(SceneError, match=r"scenes.yaml: mine.geometry.0.file: buddha.ply: no such file"):
-        check_scene(read_scenes(path)["mine"], f"{path}: mine")
+        prepare_scene("mine", read_scenes(path)["mine"], 8, source=str(path))
 
 
 def test_a_scene_that_shows_no_material_is_refused(tmp_path):

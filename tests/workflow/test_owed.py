@@ -60,7 +60,7 @@ def test_a_lost_intermediate_costs_one_job_of_its_kind_and_what_is_made_of_it(fi
     lost(name)
     planned = finished_run.planned()
     assert planned[rule] == 1
-    assert not planned.keys() & {"make_standin", "prepare_scene", "check_scenes", "write_assets"}
+    assert not planned.keys() & {"make_standin", "prepare_scene", "write_assets"}
     assert planned.get("fit_model", 0) == (rule == "fit_model")
     assert planned.get("write_material_page", 0) <= 2
 

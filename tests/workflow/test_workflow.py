@@ -176,7 +176,7 @@ def test_snakemakes_own_report_has_the_main_results(finished_run, tmp_path):
     """With captions, categories and labels; the pictures and tables are in the file."""
     finished_run.snakemake("--report", str(tmp_path / "report.html"))
     text = (tmp_path / "report.html").read_text()
-    labels = ["models, means over all materials and scenes", "sorted errors of every model", "lobes of every model"]
+    labels = ["models, medians over the materials", "sorted errors of every model", "lobes of every model"]
     labels += ["image errors of every model", "wins and ties between models"]
     for words in [
         *labels,

@@ -2,34 +2,9 @@
 # every fit, all along the same paths. An EXR that is still right is kept, so a new model costs its own share only.
 
 
-rule check_scenes:
-    input:
-        files=lambda wildcards: scene_files(SCENES),
-    output:
-        "results/scenes/checked.txt",
-    log:
-        "results/logs/check_scenes.log",
-    benchmark:
-        "results/benchmarks/check_scenes.tsv"
-    priority: 1000
-    resources:
-        mem_mb=1500,
-        runtime=10,
-    params:
-        provenance=provenance("brdfatlas.rendering.scenes", libraries=RENDERING),
-        scenes={name: ALL_SCENES[name] for name in SCENES},
-        scenes_file=config["scenes_file"],
-        variant=config["render"]["variant"],
-    message:
-        "checking the files of every scene"
-    script:
-        "../scripts/render_check.py"
-
-
+# First of all: a fault in a scene's files shows before any long work.
 rule prepare_scene:
     input:
-        # Checked before it is made; another list of scenes does not make this one stale.
-        checked=ancient("results/scenes/checked.txt"),
         files=lambda wildcards: scene_files([wildcards.scene]),
     output:
         "results/scenes/{scene}.npz",

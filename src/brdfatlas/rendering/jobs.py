@@ -22,7 +22,6 @@ from brdfatlas.rendering.images import ImageError, Render, load_render, read_met
 from brdfatlas.rendering.scenes import (
     PreparedScene,
     SceneError,
-    check_scene,
     check_settings,
     load_scene,
     mitsuba_scene,
@@ -197,23 +196,10 @@ def render_file(
     return replace(render, meta=dict(render.meta) | notes)
 
 
-def check_scenes_job(definitions: Mapping[str, Any], source: str, variant: str, output: str) -> None:
-    """Read every file that the scenes name; SceneError before any rendering. Writes a line a scene."""
-    from brdfatlas.files import write_text
-
-    if any(shape["shape"] == "mesh" for d in definitions.values() for shape in d["geometry"]) or any(
-        d["environment"]["kind"] == "file" for d in definitions.values()
-    ):
-        use_variant(variant)
-        for name, definition in definitions.items():
-            check_scene(definition, f"{source}: {name}")
-    write_text(output, "".join(f"{name}: ok\n" for name in definitions))
-
-
 def prepare_scene_job(
     name: str, definition: Mapping[str, Any], size: int, variant: str, source: str, output: str, threads: int = 1
 ) -> None:
-    """Prepare one scene for all materials of a run."""
+    """Prepare one scene for all materials of a run. SceneError, and no file, where one that the scene names is bad."""
     use_variant(variant, threads)
     scene = prepare_scene(name, definition, size, source=source)
     for note in scene.notes:

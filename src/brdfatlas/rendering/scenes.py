@@ -39,7 +39,7 @@ def scenes_file() -> Path:
 def read_scenes(path: str | Path | None = None) -> dict[str, dict[str, Any]]:
     """Every scene of a file, completed with defaults and checked against the schema: name -> definition.
 
-    Fast and without Mitsuba; what is in the files that a scene names is checked by :func:`check_scene`.
+    Fast and without Mitsuba; what is in the files that a scene names is checked by :func:`prepare_scene`.
     Raises ValueError (SceneError, ConfigError) with one line that names file, key and remedy.
     """
     path = Path(path) if path else scenes_file()
@@ -199,13 +199,6 @@ def load_meshes(scene: Mapping[str, Any], where: str) -> tuple[tuple[Mesh, ...],
         placed = (vertices - foot) @ turn.T * (shape["size"] / (high[1] - low[1])) + shape["position"]
         meshes.append(Mesh(placed.astype(np.float32), faces, (normals @ turn.T).astype(np.float32), shape["surface"]))
     return tuple(meshes), tuple(notes)
-
-
-def check_scene(scene: Mapping[str, Any], where: str) -> None:
-    """Read every file of a scene, so that a fault shows before any rendering. SceneError names file and key."""
-    load_meshes(scene, where)
-    if scene["environment"]["kind"] == "file":
-        _environment(scene, where)
 
 
 def _environment(scene: Mapping[str, Any], where: str) -> np.ndarray:
