@@ -316,11 +316,13 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_folder(folder: str) -> None:
-    """Refuse, before any work, a folder that cannot be written to."""
+    """Refuse, before any work, a folder that cannot be written to or holds files of somebody else."""
     where = Path(folder).absolute()
     parent = next(path for path in (where, *where.parents) if path.exists())
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise FileFault(f"{shown(folder)}: {shown(parent)} is no folder that can be written to; name another")
+    if parent == where and any(where.iterdir()) and not (where / "recommendation.json").exists():
+        raise FileFault(f"{shown(folder)}: holds files that are not of an earlier recommendation; name a new folder")
 
 
 def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:

@@ -92,8 +92,12 @@ def test_faults_are_known_before_any_fit(tmp_path, capsys):
     with pytest.raises(ValueError, match="unknown target 'unreal'; known targets: mitsuba, materialx, gltf"):
         brdfatlas.recommend(tmp_path / "none.binary", target="unreal")
     (tmp_path / "file").write_text("")
-    for arguments in (["none.binary"], ["none.binary", "-o", "file"]):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "side-by-side.png").write_text("mine")
+    for arguments in (["none.binary"], ["none.binary", "-o", "file"], ["file", "-o", "thesis"]):
         assert main(["recommend", *(a if a.startswith("-") else str(tmp_path / a) for a in arguments)]) == 1
         captured = capsys.readouterr()
         assert len(captured.err.strip().splitlines()) == 1
         assert "fit 1" not in captured.err
+    assert "not of an earlier recommendation" in captured.err
+    assert (tmp_path / "thesis" / "side-by-side.png").read_text() == "mine"
