@@ -29,12 +29,12 @@ from brdfatlas.solvers.least_squares import (
 )
 from brdfatlas.solvers.moments import CellMoments, LogCells
 
-#: The metrics as published reach to theta_h and theta_d of 80 degrees (Löw) or to 89 degrees of theta_i, theta_o, where
-#: the last ten degrees, which are the least reliable ones of measured data, can make most of the objective.
+#: Löw's E2 reaches to theta_h and theta_d of 80 degrees, Ngan's metric to the horizon. Without this limit the samples
+#: beyond 80 degrees of theta_i or theta_o, which measurements know least, can make most of the objective: against
+#: published parameters the fits of 24 materials were then worse by more than half on up to 7, with it on none.
 MAX_ANGLE_OPTION = Option(
-    90.0,
-    "theta_i, theta_o in degrees within which samples count; 90 leaves the metric as published, 80 leaves out grazing "
-    "samples, which measured data know least",
+    80.0,
+    "theta_i, theta_o in degrees within which samples count; 90: the metric up to the horizon",
     low=1.0,
     high=90.0,
 )
