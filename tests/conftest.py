@@ -28,6 +28,14 @@ TINY = {
 }
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of tests side by side those of one file stay together, and so do the files that share the finished run."""
+    shared = {item.path for item in items if "finished_run" in item.fixturenames}
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group("finished run" if item.path in shared else str(item.path)))
+
+
 @dataclass(frozen=True)
 class Project:
     """A copy of the project with its own sources, configuration and results."""
