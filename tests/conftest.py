@@ -51,7 +51,8 @@ class Project:
     def snakemake(self, *arguments: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess:
         """Run Snakemake in the copy; the output is in ``stdout``, messages included."""
         command = [sys.executable, "-m", "snakemake", "--cores", "2", *arguments]
-        env = os.environ | {"PYTHONPATH": str(self.root / "src"), "COLUMNS": "200"} | environment
+        source = self.root / "src" if (self.root / "src").exists() else ROOT / "src"
+        env = os.environ | {"PYTHONPATH": str(source), "COLUMNS": "200"} | environment
         done = subprocess.run(
             command, cwd=self.root, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=900
         )
@@ -102,6 +103,12 @@ def shared() -> Path:
 def project(tmp_path: Path) -> Project:
     """A fresh small project without results."""
     return copy_project(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def project_in() -> Callable[[Path], Project]:
+    """project_in(folder): what is in a folder as a project, with nothing copied."""
+    return Project
 
 
 @pytest.fixture(scope="session")

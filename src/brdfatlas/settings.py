@@ -12,12 +12,21 @@ import yaml
 
 from brdfatlas.files import check_regular
 
+#: The package's own config/ and workflow/schemas/: links in a checkout, copies in an installed package.
+CONFIG, SCHEMAS = (Path(__file__).with_name(name) for name in ("config", "schemas"))
 #: Names that become folders, wildcards and addresses: nothing that a shell, a path or a page could misread.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\Z")
 
 
 class ConfigError(ValueError):
     """The configuration cannot be used; the message is one line that names file, key and remedy."""
+
+
+def located(path: str | Path) -> str:
+    """``path``, or the package's own file where the working directory lacks this file of config/: a study in a folder
+    of its own takes from the package what it does not state itself."""
+    own = CONFIG.joinpath(*Path(path).parts[1:])
+    return str(own if Path(path).parts[:1] == ("config",) and not Path(path).exists() and own.exists() else path)
 
 
 class _Loader(yaml.SafeLoader):

@@ -17,6 +17,7 @@ from brdfatlas.pipeline.provenance import provenance, shipped
 from brdfatlas.pipeline.records import revision, versions
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
 from brdfatlas.rendering.scenes import read_scenes
+from brdfatlas.settings import located
 
 # Snakemake hands this path to a shell as it is: a project's folder may have spaces and quotes.
 if Path(sys.executable).exists():  # not quoted yet
@@ -28,9 +29,9 @@ try:
     ALL_SCENES = read_scenes(config["scenes_file"])
     MODELS = choose(config["models"], list(ALL_ENTRIES), "models", str(config["models_file"]))
     SCENES = choose(config["scenes"], list(ALL_SCENES), "scenes", config["scenes_file"])
-    ASSETS = read_assets("config/assets.yaml")
-    PUBLISHED_FITS = read_assets("config/published_fits.yaml")
-    RGL = read_rgl("config/rgl.yaml")
+    ASSETS = read_assets(located("config/assets.yaml"))
+    PUBLISHED_FITS = read_assets(located("config/published_fits.yaml"))
+    RGL = read_rgl(located("config/rgl.yaml"))
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     FOUND, LEFT_OUT, CHECKS = find_materials(config, "results/standins", "results/checks.json")
 except ValueError as error:
@@ -56,6 +57,7 @@ SOURCES = {material.name: material.source for material in FOUND if material.sour
 STANDINS = {material.name for material in FOUND if material.standin}
 MATERIALS = list(BINARIES)
 REFERENCES = [REFERENCE, REFERENCE_AGAIN]
+PUBLISHED = located("config/published")
 PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
 for item in LEFT_OUT:
     print(f"left out: {item.reason}", file=sys.stderr)

@@ -54,7 +54,7 @@ rule tabulate_errors:
         brdf=expand("results/errors/{material}/brdf.tsv", material=MATERIALS),
         pairs=expand("results/errors/{material}/pairs.tsv", material=MATERIALS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
-        published=["config/published/means.csv", "config/published/bilgili2011/psnr.csv"],
+        published=[f"{PUBLISHED}/means.csv", f"{PUBLISHED}/bilgili2011/psnr.csv"],
     output:
         [f"results/tables/{table}.tsv" for table in TABLES if table not in STANDINGS_TITLES],
         [

@@ -9,7 +9,7 @@ localrules:
 
 rule make_standin:
     input:
-        published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES),
+        published=expand(f"{PUBLISHED}/bilgili2011/{{table}}.csv", table=PUBLISHED_LOBES),
     output:
         "results/standins/{material}.binary",
     log:

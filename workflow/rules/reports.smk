@@ -67,7 +67,7 @@ rule write_material_page:
         figures="results/figures/{material}.json",
         files="results/fit_files/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
-        published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
+        published=expand(f"{PUBLISHED}/bilgili2011/{{table}}.csv", table=PUBLISHED_LOBES + ["psnr"]),
     output:
         page="reports/materials/{material}.html",
         thumbnail="reports/materials/{material}/thumb.webp",
@@ -194,7 +194,7 @@ rule typeset_material:
         pictures="results/pictures/{material}.json",
         figures="results/figures/{material}.json",
         bars="reports/assets/bar-de00.svg",
-        published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
+        published=expand(f"{PUBLISHED}/bilgili2011/{{table}}.csv", table=PUBLISHED_LOBES + ["psnr"]),
     output:
         "results/pdf/{material}.pdf",
     log:

@@ -9,7 +9,7 @@ rule write_standings:
         tables=expand("results/tables/{table}.tsv", table=STANDINGS_TABLES),
         summary="reports/assets/summary.svg",
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
-        statistics="config/published/fitting_statistics.csv",
+        statistics=f"{PUBLISHED}/fitting_statistics.csv",
     output:
         page="reports/standings.html",
         tables=expand("reports/data/{table}.tsv", table=STANDINGS_TABLES),

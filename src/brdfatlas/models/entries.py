@@ -17,11 +17,10 @@ from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.models.base import Model
 from brdfatlas.models.given import FETCHED, PUBLISHED
 from brdfatlas.models.loading import BUILTIN, load_model
-from brdfatlas.settings import ConfigError, check, check_name, read_yaml
+from brdfatlas.settings import CONFIG, SCHEMAS, ConfigError, check, check_name, located, read_yaml
 
-#: The package's own copy of config/models.yaml and of its schema; links in a checkout.
-TABLE = Path(__file__).with_name("models.yaml")
-SCHEMA = Path(__file__).with_name("models.schema.yaml")
+#: The package's own rows, and the schema of every such file.
+TABLE, SCHEMA = CONFIG / "models.yaml", SCHEMAS / "models.schema.yaml"
 #: Names that a run uses beside those of entries.
 RESERVED = (REFERENCE, REFERENCE_AGAIN)
 
@@ -45,7 +44,7 @@ class Entry:
         """From a line of config/models.yaml; None stands for an empty row."""
         row = dict(row or {})
         model, source, parameters = (row.pop(key, None) for key in ("model", "source", "parameters"))
-        return cls(name, model or name, row, source, parameters)
+        return cls(name, model or name, row, source, parameters and located(parameters))
 
     @cached_property
     def instance(self) -> Model:
@@ -104,7 +103,7 @@ def read_entries(paths: str | Path | Sequence[str | Path]) -> dict[str, Entry]:
 
 def _entries_of(path: str | Path) -> dict[str, Entry]:
     """The entries of one file."""
-    rows = check(read_yaml(path), read_yaml(SCHEMA), str(path))
+    rows = check(read_yaml(located(path)), read_yaml(SCHEMA), str(path))
     entries = {}
     for name, row in rows.items():
         check_name(name, str(path))

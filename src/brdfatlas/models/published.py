@@ -1,18 +1,18 @@
 """Figures that others published, as tables with their source: config/published, carried inside the package.
 
-``published_data`` beside the package's modules links to config/published in a checkout; an installed
-package has a copy.
+The folder config beside the package's modules is a link in a checkout and a copy in an installed package.
 """
 
 import csv
 import difflib
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-FOLDER = Path(__file__).parent.parent / "published_data"
+from brdfatlas.settings import CONFIG
+
+FOLDER = CONFIG / "published"
 BILGILI2011 = "Bilgili, Öztürk and Kurt 2011, supplemental material"
 #: The models whose published parameters are here.
 THREE_LOBE = ("ashikhmin_shirley", "cook_torrance", "edwards", "ward", "ward_duer")

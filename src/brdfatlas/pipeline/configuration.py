@@ -5,9 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from brdfatlas.rendering.scenes import SceneError, check_settings
-from brdfatlas.settings import ConfigError, check, check_name, read_yaml, typed
-
-SCHEMAS = Path("workflow") / "schemas"
+from brdfatlas.settings import SCHEMAS, ConfigError, check, check_name, read_yaml, typed
 
 
 def read_assets(path: str | Path) -> dict[str, dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 import shutil
 import sys
 import tarfile
@@ -12,20 +13,29 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO
+from typing import Any
 
 import requests
+from requests.adapters import HTTPAdapter
+from urllib3.util import Retry
 
 from brdfatlas.files import atomic_path, read_json, write_json, write_text
 from brdfatlas.formats.merl import FILE_BYTES, check_header
 from brdfatlas.formats.rgl import check as check_rgl
 from brdfatlas.measured import MeasuredError
+from brdfatlas.settings import NAME
 
 CHUNK = 1 << 20
 #: Statuses that may pass by themselves; every other fault of the server is final.
-PASSING = {408, 425, 429, 500, 502, 503, 504}
-#: What names of unpacked materials may consist of; the same rule as for every material of a run.
-NAME_CHARACTERS = frozenset("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-")
+PASSING = (408, 425, 429, 500, 502, 503, 504)
+#: A library's fault -> a person's words; the first that fits.
+REASONS = (
+    (requests.exceptions.Timeout, "no answer in time; is this machine online?"),
+    (requests.exceptions.SSLError, "the server's certificate is not accepted"),
+    (requests.exceptions.ProxyError, "the proxy cannot be reached; check HTTPS_PROXY"),
+    (requests.exceptions.ConnectionError, "no connection; is this machine online?"),
+    (requests.exceptions.RequestException, "not a usable address"),
+)
 
 MERL_TERMS = """\
 MERL BRDF database: reflectance functions of 100 materials, (c) Mitsubishi Electric Research Laboratories (MERL).
@@ -59,33 +69,6 @@ class Remote:
     checksum: str | None = None
 
 
-@dataclass
-class _Partial:
-    """What is on disk of an unfinished download: bytes in ``path``, and beside it which version they are of."""
-
-    path: Path
-
-    @property
-    def notes(self) -> Path:
-        return self.path.with_name(self.path.name + ".json")
-
-    @property
-    def size(self) -> int:
-        return self.path.stat().st_size if self.path.exists() else 0
-
-    def version(self, url: str) -> str | None:
-        """The server's mark of the version (ETag or date) if the bytes are of this address; else None."""
-        try:
-            notes = read_json(self.notes)
-        except (OSError, ValueError):
-            return None
-        return notes.get("version") if notes.get("url") == url else None
-
-    def forget(self) -> None:
-        self.path.unlink(missing_ok=True)
-        self.notes.unlink(missing_ok=True)
-
-
 def checksum_of(path: str | os.PathLike, algorithm: str = "sha256") -> str:
     """ "algorithm:hexdigest" of a file."""
     with open(path, "rb") as handle:
@@ -103,170 +86,129 @@ def download(
 ) -> Path:
     """Fetch ``remote`` into ``path``; what came of an earlier try is continued where the server allows it.
 
-    Until size and checksum are right the bytes are in ``path`` + ".part". Connections that fail are tried again, up to
-    ``attempts`` times in a row without progress, ``pause`` seconds apart and doubling. Raises DownloadError.
+    Until size and checksum are right the bytes are in ``path`` + ".part". Answers that fail are asked for again, and
+    bodies that break off continued, up to ``attempts`` times in a row without progress, ``pause`` seconds apart.
+    Raises DownloadError.
     """
     path, say = Path(path), say or _to_stderr
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = _Partial(path.with_name(path.name + ".part"))
-    left, waiting, continued, best, fault = attempts, pause, partial.size > 0, partial.size, ""
-    while True:
-        try:
-            with _writing(path):
-                expected = _fetch(remote, partial, timeout, say)
-            got = partial.size
-            if got == expected or expected is None:
-                fault = _wrong(remote, partial.path)
+    part = path.with_name(path.name + ".part")
+    retry = Retry(attempts - 1, connect=2, backoff_factor=pause, status_forcelist=PASSING, raise_on_status=False)
+    with _writing(path), requests.Session() as session:
+        for scheme in ("http://", "https://"):
+            session.mount(scheme, HTTPAdapter(max_retries=retry))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        left, most, old = attempts, _size(part), part.exists()
+        while left:
+            fault = _fetch(session, remote, part, timeout, say)
+            if not fault:
+                fault = _wrong(remote, part)
                 if not fault:
-                    with _writing(path):
-                        os.replace(partial.path, path)
-                        partial.notes.unlink(missing_ok=True)
+                    os.replace(part, path)
+                    _forget(part)
                     return path
-                partial.forget()
-                if not continued:
+                _forget(part)
+                if not old:
                     raise DownloadError(f"{remote.url}: {fault}; nothing of it is kept")
-                # Bytes of an earlier try may be the culprits: once more, from the first byte.
-                say(f"{remote.url}: {fault}; starting afresh")
-                continued = False
-                continue
-            fault = f"connection closed after {got:,} of {expected:,} bytes"
-        except requests.RequestException as error:
-            fault = _reason(error)
-            if partial.size == best and isinstance(error, requests.ConnectionError):
-                left = min(left, 3)  # nobody there: say so soon
-        except _Passing as passing:
-            fault = str(passing)
-        if partial.size > best:  # only what is new counts as progress: a server may begin again and again
-            left, waiting, best = attempts, pause, partial.size
-        left -= 1
-        if left <= 0:
-            kept = f"; {partial.size:,} bytes are kept and the next try continues them" if partial.size else ""
-            raise DownloadError(f"{remote.url}: {fault}{kept}")
-        continued = continued or partial.size > 0
-        say(f"{remote.url}: {fault}; trying again")
-        time.sleep(waiting)
-        waiting = min(2 * waiting, 60.0)
+                old = False  # bytes of an earlier try may be the culprits: once more, from the first byte
+            elif _size(part) > most:  # only what is new is progress: a server may begin again and again
+                left, most, old = attempts, _size(part), True
+            else:
+                left -= 1
+            say(f"{remote.url}: {fault}; trying again")
+            time.sleep(pause)
+    raise DownloadError(f"{remote.url}: {fault}{_kept(part)}")
 
 
-class _Passing(Exception):
-    """A fault that may have passed at the next try."""
-
-
-def _fetch(remote: Remote, partial: _Partial, timeout: float, say: Callable[[str], None]) -> int | None:
-    """One request; appends to the partial file. Returns the size the whole must have, None if nobody knows."""
-    version, start = partial.version(remote.url), partial.size
-    if start and version is None:
-        partial.forget()
-        start = 0
-    if remote.size is not None and start > remote.size:
-        partial.forget()
+def _fetch(session: requests.Session, remote: Remote, part: Path, timeout: float, say: Callable[[str], None]) -> str:
+    """One request, whose body is appended to ``part``. Returns why the body is not whole, "" if it is."""
+    start, mark = _size(part), _mark(part, remote.url)
+    if start and (not mark or start > (remote.size or start)):
+        _forget(part)
         start = 0
     if start and start == remote.size:
-        return remote.size
+        return ""
     # identity: a compressing proxy would make sizes and ranges meaningless.
-    headers = {"Accept-Encoding": "identity"}
-    if start:
-        headers["Range"] = f"bytes={start}-"
-        if version:
-            headers["If-Range"] = version
-    with requests.get(remote.url, headers=headers, stream=True, timeout=timeout) as response:
-        if response.status_code == 416:
-            partial.forget()
-            raise _Passing("the server refuses to continue, starting afresh")
-        if response.status_code in PASSING:
-            raise _Passing(f"the server answers {response.status_code} {response.reason}")
-        if response.status_code not in (200, 206):
-            raise DownloadError(
-                f"{remote.url}: the server answers {response.status_code} {response.reason}; check the address"
-            )
-        if response.status_code == 206:
-            first, total = _content_range(response.headers.get("Content-Range", ""))
-            if first != start:
-                partial.forget()
-                raise _Passing("the server continues at another place, starting afresh")
-        else:
-            start, total = 0, _number(response.headers.get("Content-Length"))
-        if remote.size is not None and total is not None and total != remote.size:
-            partial.forget()
-            raise DownloadError(f"{remote.url}: {total:,} bytes offered, {remote.size:,} expected; check the address")
-        expected = remote.size if remote.size is not None else total
-        if expected is not None:
-            _check_space(partial.path.parent, expected - start, remote.url)
-        etag = response.headers.get("ETag", "")
-        mark = etag if etag and not etag.startswith("W/") else response.headers.get("Last-Modified", "")
-        with open(partial.path, "ab" if start else "wb") as handle:
-            write_json(partial.notes, {"url": remote.url, "version": mark})
-            _copy(response, handle, start, expected, remote.url, say)
-    return expected
+    headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-", "If-Range": mark} if start else {})
+    try:
+        response = session.get(remote.url, headers=headers, stream=True, timeout=timeout)
+    except requests.RequestException as error:
+        reason = next(words for kind, words in REASONS if isinstance(error, kind))
+        raise DownloadError(f"{remote.url}: {reason}{_kept(part)}") from None
+    with response:
+        status, total = response.status_code, response.headers.get("Content-Length", "")
+        if status == 206:
+            span = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", response.headers.get("Content-Range", ""))
+            total = span[2] if span and int(span[1]) == start else None
+        if status == 416 or total is None:
+            _forget(part)
+            return "the server does not continue where it was asked to, starting afresh"
+        if status not in (200, 206):
+            remedy = f"try again later{_kept(part)}" if status in PASSING else "check the address"
+            raise DownloadError(f"{remote.url}: the server answers {status} {response.reason}; {remedy}")
+        start = start if status == 206 else 0
+        expected = int(total) if total.isdigit() else remote.size
+        if remote.size not in (None, expected):
+            _forget(part)
+            offered = f"{expected:,} bytes offered, {remote.size:,} expected"
+            raise DownloadError(f"{remote.url}: {offered}; check the address")
+        needed, free = (expected or 0) - start, shutil.disk_usage(part.parent).free
+        if needed > free:
+            places = f"needs {needed / 1e9:.2f} GB in {part.parent}, where {free / 1e9:.2f} GB are free"
+            raise DownloadError(f"{remote.url}: {places}")
+        with open(part, "ab" if start else "wb") as handle:
+            etag = response.headers.get("ETag", "W/")  # a weak one does not tell bytes apart
+            mark = response.headers.get("Last-Modified", "") if etag.startswith("W/") else etag
+            write_text(_notes(part), f"{remote.url} {mark}")
+            response.raw.enforce_content_length = False  # else the last bytes before a cut are thrown away
+            done, shown, of = start, time.monotonic(), f" of {expected / 1e6:,.0f}" if expected else ""
+            try:
+                for chunk in response.iter_content(CHUNK):
+                    done += handle.write(chunk)
+                    if expected is not None and done > expected:
+                        _forget(part)
+                        raise DownloadError(f"{remote.url}: more than the {expected:,} bytes expected")
+                    if time.monotonic() - shown > 10.0:
+                        shown = time.monotonic()
+                        say(f"{remote.url}: {done / 1e6:,.0f} MB{of}")
+            except requests.RequestException:
+                return "connection cut"
+    return "" if expected in (None, done) else f"connection closed after {done:,} of {expected:,} bytes"
 
 
-def _copy(
-    response: requests.Response,
-    handle: BinaryIO,
-    start: int,
-    expected: int | None,
-    url: str,
-    say: Callable[[str], None],
-) -> None:
-    """The body into the file, with a line of progress every ten seconds; over-long bodies are cut off and refused."""
-    done, shown = start, time.monotonic()
-    response.raw.enforce_content_length = False  # else the last bytes before a cut are thrown away; sizes are ours
-    for chunk in response.iter_content(CHUNK):
-        done += len(chunk)
-        if expected is not None and done > expected:
-            handle.truncate(start)
-            raise DownloadError(f"{url}: more than the {expected:,} bytes expected; check the address")
-        handle.write(chunk)
-        if time.monotonic() - shown > 10.0:
-            shown = time.monotonic()
-            say(f"{url}: {done / 1e6:,.0f}" + (f" of {expected / 1e6:,.0f} MB" if expected else " MB"))
+def _notes(part: Path) -> Path:
+    """Beside the bytes of an unfinished download: the address and the server's mark of the version that they are of."""
+    return part.with_name(part.name + ".txt")
 
 
-def _content_range(value: str) -> tuple[int, int | None]:
-    """(first byte, total or None) of "bytes 5-9/10"; (-1, None) for anything else."""
-    unit, _, rest = value.partition(" ")
-    span, _, total = rest.partition("/")
-    first = _number(span.partition("-")[0])
-    return (first if unit == "bytes" and first is not None else -1), _number(total)
+def _mark(part: Path, url: str) -> str:
+    """The mark of the version that the bytes are of; "" if they cannot be continued from this address."""
+    address, _, mark = (
+        _notes(part).read_text(errors="replace").partition(" ") if _notes(part).exists() else ("", "", "")
+    )
+    return mark if address == url else ""
 
 
-def _number(text: str | None) -> int | None:
-    return int(text) if text and text.isdigit() else None
+def _size(part: Path) -> int:
+    return part.stat().st_size if part.exists() else 0
+
+
+def _forget(part: Path) -> None:
+    part.unlink(missing_ok=True)
+    _notes(part).unlink(missing_ok=True)
+
+
+def _kept(part: Path) -> str:
+    return f"; {_size(part):,} bytes are kept and the next try continues them" if _size(part) else ""
 
 
 def _wrong(remote: Remote, path: Path) -> str:
     """What is wrong with a complete download, or ""."""
-    size = path.stat().st_size
-    if remote.size is not None and size != remote.size:
-        return f"{size:,} bytes instead of {remote.size:,}"
-    if remote.checksum:
-        algorithm = remote.checksum.partition(":")[0]
-        if checksum_of(path, algorithm) != remote.checksum:
-            return f"wrong checksum, {algorithm} is not {remote.checksum.partition(':')[2]}"
+    if remote.size not in (None, path.stat().st_size):
+        return f"{path.stat().st_size:,} bytes instead of {remote.size:,}"
+    algorithm, _, digest = (remote.checksum or "").partition(":")
+    if algorithm and checksum_of(path, algorithm) != remote.checksum:
+        return f"wrong checksum, {algorithm} is not {digest}"
     return ""
-
-
-def _reason(error: requests.RequestException) -> str:
-    """A person's words for a library's fault."""
-    if isinstance(error, requests.exceptions.Timeout):
-        return "no answer in time; is this machine online?"
-    if isinstance(error, requests.exceptions.SSLError):
-        return "the server's certificate is not accepted"
-    if isinstance(error, requests.exceptions.ProxyError):
-        return "the proxy cannot be reached; check HTTPS_PROXY"
-    if isinstance(error, requests.exceptions.ChunkedEncodingError):
-        return "connection cut"
-    if isinstance(error, requests.exceptions.ConnectionError):
-        return "no connection; is this machine online?"
-    if isinstance(error, requests.exceptions.InvalidURL | requests.exceptions.MissingSchema):
-        raise DownloadError(f"{error.request.url if error.request else error}: not a usable address") from None
-    return f"{type(error).__name__}"
-
-
-def _check_space(folder: Path, needed: int, what: str) -> None:
-    free = shutil.disk_usage(folder).free
-    if needed > free:
-        raise DownloadError(f"{what}: needs {needed / 1e9:.2f} GB in {folder}, where {free / 1e9:.2f} GB are free")
 
 
 @contextmanager
@@ -274,10 +216,17 @@ def _writing(path: Path) -> Iterator[None]:
     """Faults of the disk as one line."""
     try:
         yield
-    except requests.RequestException:
-        raise  # a subclass of OSError, but of the network
     except OSError as error:
         raise DownloadError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+@contextmanager
+def _job(name: str) -> Iterator[None]:
+    """Body of a rule: a fault ends the job with its one line; what has arrived stays."""
+    try:
+        yield
+    except DownloadError as error:
+        raise SystemExit(f"{name}: {error}") from None
 
 
 def _to_stderr(line: str) -> None:
@@ -292,16 +241,13 @@ def material_of(member: str) -> str | None:
 
     Only the last part of the member's path is used, so that no member can leave the folder it is unpacked into.
     """
-    name = PurePosixPath(member.replace("\\", "/")).name
-    stem = name.removesuffix(".binary")
-    if stem == name or not stem or not set(stem) <= NAME_CHARACTERS or not stem[0].isalnum():
-        return None
-    return stem
+    path = PurePosixPath(member.replace("\\", "/"))
+    return path.stem if path.suffix == ".binary" and NAME.match(path.stem) else None
 
 
 def unpack_merl(
     archive: str | os.PathLike, folder: str | os.PathLike, say: Callable[[str], None] | None = None
-) -> list:
+) -> list[dict[str, str]]:
     """Unpack the .binary files of a MERL archive into ``folder``; returns [{"name", "crc32"}] by name.
 
     All are first unpacked and checked in a hidden folder beside them: a run never sees half of the database. What is
@@ -314,61 +260,48 @@ def unpack_merl(
         staging.mkdir(parents=True, exist_ok=True)
         try:
             with zipfile.ZipFile(archive) as zipped:
-                members = _members(zipped, archive)
-                missing = [name for name in members if not (staging / f"{name}.binary").exists()]
-                _check_space(folder, FILE_BYTES * len(missing), str(archive))
-                for count, (name, info) in enumerate(members.items(), 1):
+                members = _members(zipped)
+                say(f"{archive.name}: unpacking {len(members)} materials")
+                for name, info in members.items():
                     _unpack_member(zipped, info, staging / f"{name}.binary", folder / f"{name}.binary")
-                    if count % 10 == 0:
-                        say(f"{archive.name}: {count} of {len(members)} materials unpacked")
         except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError) as error:
             raise DownloadError(f"{archive}: cannot be unpacked ({error}); delete it and try again") from None
-        for path in sorted(staging.glob("*.binary")):
-            if path.stem in members:
-                os.replace(path, folder / path.name)
+        for name in members:
+            if (staging / f"{name}.binary").exists():
+                os.replace(staging / f"{name}.binary", folder / f"{name}.binary")
         shutil.rmtree(staging)
     return [{"name": name, "crc32": f"{info.CRC:08x}"} for name, info in members.items()]
 
 
-def _members(zipped: zipfile.ZipFile, archive: Path) -> dict[str, zipfile.ZipInfo]:
+def _members(zipped: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
     members: dict[str, zipfile.ZipInfo] = {}
     for info in zipped.infolist():
-        name = None if info.is_dir() else material_of(info.filename)
+        name = material_of(info.filename)
         if name is None:
             continue
         if info.file_size != FILE_BYTES:
-            raise DownloadError(f"{archive}: {name}.binary has {info.file_size:,} bytes, a MERL file {FILE_BYTES:,}")
-        if name in members:
-            raise DownloadError(f"{archive}: {name}.binary is in it twice")
+            size = f"{info.file_size:,} bytes, a MERL file {FILE_BYTES:,}"
+            raise DownloadError(f"{zipped.filename}: {name}.binary has {size}")
         members[name] = info
     if not members:
-        raise DownloadError(f"{archive}: holds no .binary file; is it the MERL database?")
+        raise DownloadError(f"{zipped.filename}: holds no .binary file; is it the MERL database?")
     return dict(sorted(members.items()))
 
 
 def _unpack_member(zipped: zipfile.ZipFile, info: zipfile.ZipInfo, staged: Path, final: Path) -> None:
     for path in (staged, final):
-        if path.exists():
-            if _crc32(path) == info.CRC:
-                return
-            if path is final:
-                raise DownloadError(f"{final}: there already, with other contents; move it away and try again")
-    with atomic_path(staged) as temporary, zipped.open(info) as source, open(temporary, "wb") as target:
-        shutil.copyfileobj(source, target, CHUNK)  # the last read checks the CRC
-        target.flush()
+        if path.exists() and zlib.crc32(path.read_bytes()) == info.CRC:
+            return
+    if final.exists():
+        raise DownloadError(f"{final}: there already, with other contents; move it away and try again")
+    with atomic_path(staged) as temporary, zipped.open(info) as source:
+        with open(temporary, "wb") as target:
+            shutil.copyfileobj(source, target, CHUNK)  # the last read checks the CRC
         try:
             check_header(temporary)
         except MeasuredError as error:
             fault = str(error).partition(": ")[2]
             raise DownloadError(f"{zipped.filename}: {info.filename}: {fault}") from None
-
-
-def _crc32(path: Path) -> int:
-    value = 0
-    with open(path, "rb") as handle:
-        while chunk := handle.read(CHUNK):
-            value = zlib.crc32(chunk, value)
-    return value
 
 
 def fetch_merl(remote: Remote, folder: str | os.PathLike, record: str | os.PathLike, **options: Any) -> None:
@@ -377,11 +310,10 @@ def fetch_merl(remote: Remote, folder: str | os.PathLike, record: str | os.PathL
     ``record`` (JSON) is written last: where it exists the database is complete. ``options`` as of :func:`download`.
     Raises DownloadError.
     """
-    folder = Path(folder)
-    say = options.get("say") or _to_stderr
+    folder, say = Path(folder), options.get("say") or _to_stderr
     say(MERL_TERMS)
     archive = folder / "BRDFDatabase.zip"
-    if not (archive.exists() and not _wrong(remote, archive)):
+    if not archive.exists() or _wrong(remote, archive):
         download(remote, archive, **options)
     materials = unpack_merl(archive, folder, say)
     with _writing(folder):
@@ -389,6 +321,12 @@ def fetch_merl(remote: Remote, folder: str | os.PathLike, record: str | os.PathL
         write_json(record, {"url": remote.url, "checksum": checksum_of(archive, "md5"), "materials": materials})
         archive.unlink()
     say(f"{folder}: {len(materials)} materials")
+
+
+def fetch_merl_job(source: Mapping[str, Any], folder: str, record: str, say: Callable[[str], None]) -> None:
+    """Body of the rule that downloads the database."""
+    with _job("merl"):
+        fetch_merl(remote_of(source), folder, record, say=say)
 
 
 # RGL ----------------------------------------------------------------------------------------------------------------
@@ -401,32 +339,28 @@ def fetch_rgl(materials: Mapping[str, str], folder: str | os.PathLike, **options
     """
     folder, say = Path(folder), options.get("say") or _to_stderr
     say(RGL_TERMS)
-    fetched = []
-    for name, url in materials.items():
-        path, arriving = folder / f"{name}_rgb.bsdf", folder / ".incoming" / f"{name}_rgb.bsdf"
-        if path.exists():
-            continue
-        download(Remote(url), arriving, **options)
+    paths = {name: folder / f"{name}_rgb.bsdf" for name in materials}
+    missing = [name for name, path in paths.items() if not path.exists()]
+    for name in missing:
+        arriving = folder / ".incoming" / paths[name].name
+        download(Remote(materials[name]), arriving, **options)
         try:
             check_rgl(arriving)
         except MeasuredError as error:
             arriving.unlink()
-            raise DownloadError(f"{url}: {str(error).partition(': ')[2]}; nothing of it is kept") from None
-        with _writing(path):
-            os.replace(arriving, path)
-        fetched.append(name)
-    with _writing(folder), suppress(FileNotFoundError):
+            raise DownloadError(f"{materials[name]}: {str(error).partition(': ')[2]}; nothing of it is kept") from None
+        with _writing(paths[name]):
+            os.replace(arriving, paths[name])
+    with suppress(OSError):
         (folder / ".incoming").rmdir()
-    say(f"{folder}: {len(materials)} materials of the RGL database, {len(fetched)} of them new")
-    return fetched
+    say(f"{folder}: {len(materials)} materials of the RGL database, {len(missing)} of them new")
+    return missing
 
 
 def fetch_rgl_job(materials: Mapping[str, str], folder: str, say: Callable[[str], None]) -> None:
-    """Body of the rule: a fault ends the job with its one line; what has arrived stays."""
-    try:
+    """Body of the rule that fetches what is missing of the database."""
+    with _job("rgl"):
         fetch_rgl(materials, folder, say=say)
-    except DownloadError as error:
-        raise SystemExit(f"rgl: {error}") from None
 
 
 # Assets of scenes ---------------------------------------------------------------------------------------------------
@@ -448,8 +382,9 @@ def fetch_asset(
     try:
         download(expected, target, **options)
     except DownloadError as error:
-        hint = f" ({record} has its checksum from the first download)" if not remote.checksum else ""
-        raise DownloadError(f"{error}{hint if 'checksum' in str(error) else ''}") from None
+        first = "checksum" in str(error) and not remote.checksum
+        hint = f" ({record} has its checksum from the first download)" if first else ""
+        raise DownloadError(f"{error}{hint}") from None
     if remote.url not in known:
         write_json(record, known | {remote.url: checksum_of(target)})
     if member:
@@ -477,14 +412,6 @@ def remote_of(source: Mapping[str, Any]) -> Remote:
     return Remote(source["url"], source["size"] or None, source["checksum"] or None)
 
 
-def fetch_merl_job(source: Mapping[str, Any], folder: str, record: str, say: Callable[[str], None]) -> None:
-    """Body of the rule: a fault ends the job with its one line."""
-    try:
-        fetch_merl(remote_of(source), folder, record, say=say)
-    except DownloadError as error:
-        raise SystemExit(f"merl: {error}") from None
-
-
 def fetch_assets_job(assets: Mapping[str, Mapping[str, Any]], folder: str, say: Callable[[str], None]) -> None:
     """Body of the rule: fetch what is not in ``folder`` yet; what is there stays as it is, whoever put it there."""
     for name, source in assets.items():
@@ -493,8 +420,6 @@ def fetch_assets_job(assets: Mapping[str, Mapping[str, Any]], folder: str, say: 
             say(f"{path}: there already")
             continue
         say(f"{path}: {source['terms']}")
-        record = path.parent / "checksums" / f"{name}.json"
-        try:
+        with _job(path.parent.name):
+            record = path.parent / "checksums" / f"{name}.json"
             fetch_asset(path, remote_of(source), record, source["member"] or None, say=say)
-        except DownloadError as error:
-            raise SystemExit(f"{path.parent.name}: {error}") from None

@@ -15,11 +15,8 @@ import numpy as np
 
 from brdfatlas.files import read_npz, write_npz
 from brdfatlas.rendering.environments import ProbeError, environment_image
-from brdfatlas.settings import check, check_name, complete, read_yaml
+from brdfatlas.settings import SCHEMAS, check, check_name, complete, located, read_yaml
 
-#: scenes.yaml and its schema beside this file are links into config/ and workflow/schemas/, copies in an installed
-#: package.
-HERE = Path(__file__).parent
 #: Keys of a shape that say something about it, beside shape, surface and position.
 _KEYS = {"sphere": {"size"}, "floor": {"size", "turn"}, "statue": {"size", "turn"}, "mesh": {"size", "turn", "file"}}
 #: Sobol' points in a prepared scene, enough for 8192 samples in 8 batches, and their dimensions.
@@ -32,8 +29,7 @@ class SceneError(ValueError):
 
 def scenes_file() -> Path:
     """config/scenes.yaml of the working directory, else the built-in scenes of the package."""
-    local = Path("config") / "scenes.yaml"
-    return local if local.is_file() else HERE / "scenes.yaml"
+    return Path(located("config/scenes.yaml"))
 
 
 def read_scenes(path: str | Path | None = None) -> dict[str, dict[str, Any]]:
@@ -42,9 +38,9 @@ def read_scenes(path: str | Path | None = None) -> dict[str, dict[str, Any]]:
     Fast and without Mitsuba; what is in the files that a scene names is checked by :func:`prepare_scene`.
     Raises ValueError (SceneError, ConfigError) with one line that names file, key and remedy.
     """
-    path = Path(path) if path else scenes_file()
-    schema = read_yaml(HERE / "scenes.schema.yaml")
-    scenes = read_yaml(path)
+    path = Path(path or scenes_file())
+    schema = read_yaml(SCHEMAS / "scenes.schema.yaml")
+    scenes = read_yaml(located(path))
     if isinstance(scenes, Mapping):
         for scene in scenes.values():
             if isinstance(scene, Mapping) and isinstance(scene.get("camera"), Mapping):
