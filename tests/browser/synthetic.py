@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from brdfatlas.figures.pictures import apply_colours, encode_hdr, picture_file, write_bars, write_webp
+from brdfatlas.figures.pictures import apply_colours, hdr_file, picture_file, write_bars, write_hdr, write_webp
 from brdfatlas.files import write_text
 from brdfatlas.fits import Fit
 from brdfatlas.models import MODELS
@@ -326,7 +326,7 @@ def make_pictures(
             image = sphere(size, np.asarray(colour) * (1 + 0.3 * wrong), 60 + 40 * number, 2.0 * (1 - wrong))
             shown = (255 * np.clip(1 - np.exp2(-image), 0, 1) ** (1 / 2.2)).astype(np.uint8)
             write_webp(picture_file(folder, scene, model), shown)
-            write_webp(picture_file(folder, scene, model, "hdr"), encode_hdr(image), lossless=True)
+            write_hdr(hdr_file(folder, scene, model), f"{folder.name}/{scene}/{model}", image)
             if model != "reference":
                 for kind in ("de00", "flip", "diff"):
                     write_webp(

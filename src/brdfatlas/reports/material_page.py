@@ -28,7 +28,7 @@ from brdfatlas.reports.data import (
 )
 from brdfatlas.reports.fit_files import ENDINGS, files_of
 from brdfatlas.reports.formats import digits, number, storage
-from brdfatlas.reports.pages import Picture, find_picture, render_page, write_hdr_scripts, write_thumbnail
+from brdfatlas.reports.pages import Picture, find_picture, render_page, write_thumbnail
 
 #: Kinds of pictures of the grid: name, button, what its values are, caption.
 KINDS = (
@@ -132,7 +132,6 @@ def write_material_page(
     for ending, frame in tables.values():
         write_tsv(data / "materials" / material.name / ending, frame)
     write_thumbnail(pictures, scenes, models)
-    write_hdr_scripts(pictures, material.name, scenes, models)
     place = list(materials).index(material.name)
     recommended = summary.recommend([material.name])
     by_name = {entry.name: entry for entry in entries}
