@@ -40,7 +40,7 @@ def test_hdr_survives_its_encoding_over_the_whole_range(tmp_path):
     radiance = (10.0 ** rng.uniform(-6, 6, (40, 30, 1)) * rng.random((40, 30, 3))).astype(np.float32)
     radiance[0, 0] = 0
     radiance[0, 1] = [255.9, 1, 0]  # rounds up to the next power of two
-    pictures.write_hdr(tmp_path / "hdr.js", "felt/room/\"ggx\"", radiance)
+    pictures.write_hdr(tmp_path / "hdr.js", 'felt/room/"ggx"', radiance)
     back = pictures.read_hdr(tmp_path / "hdr.js")
     assert back.shape == radiance.shape
     largest = radiance.max(-1, keepdims=True)

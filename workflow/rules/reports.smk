@@ -292,14 +292,14 @@ rule write_viewer:
     params:
         provenance=provenance("brdfatlas.reports.viewer", files=TEMPLATES),
         data=lambda wildcards, output: str(Path(output.script).parent),
-        fits=[(model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
+        fits=[(material, model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
         materials={material: f"results/materials/{material}.json" for material in MATERIALS},
         textures=lambda wildcards, input: [os.path.relpath(path, "reports/data") for path in input.textures],
         entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
-        "interactive viewer of the factor fits"
+        "interactive viewer"
     script:
         "../scripts/write_viewer.py"
 

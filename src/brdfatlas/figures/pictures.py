@@ -14,8 +14,8 @@ material is transparent in maps. The difference is that of exposed luminance, ln
 being the display's white; its colour runs as sign(d) sqrt|d| from -1 to 1, so that a hundredth of white is still seen.
 
 **hdr.js** calls ``ATLAS_HDR("material/scene/model", base64)`` with a lossless WebP: a page from file:// may not read
-the pixels of a picture file, but may run a script that carries them. An image of h x w radiances is stored opaque and 2h
-high, because browsers multiply colours by alpha. The upper half holds mantissas m_r, m_g, m_b, the lower half, at
+the pixels of a picture file, but may run a script that carries them. An image of h x w radiances is stored opaque and
+2h high, because browsers multiply colours by alpha. The upper half holds mantissas m_r, m_g, m_b, the lower half, at
 (x, y + h), the exponent byte e in all three channels. With bytes 0 to 255 (no colour management:
 `colorSpaceConversion: "none"`),
 
