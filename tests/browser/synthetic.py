@@ -246,7 +246,10 @@ def make_run(
                         "converged": place != 1,
                         "message": "cap reached" if place == 1 else "",
                         "seconds": float(10 ** rng.uniform(-2, 1.5)),
-                        "details": {},
+                        "details": {
+                            2: {"bounds": ["kd (red) = 1"]},
+                            3: {"bound": {"factor": "D", "value": 1e-6, "held": 1204, "count": 2700}},
+                        }.get(place, {"bound": {"factor": "D", "value": 1e-6, "held": 0, "count": 2700}}),
                         "options": {"quirk": "yes"} if place == 0 else {},
                         "physics": {"reciprocity_error": 1e-7, "max_albedo": [0.9, 0.7, 0.4], "bad_cells": 0.0},
                         "parameters": {"kd": rng.uniform(0, 1, 3).tolist(), "n": (10 ** rng.uniform(0, 4, 4)).tolist()},

@@ -68,6 +68,7 @@ rule write_material_page:
         files="results/fit_files/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
         published=expand("config/published/bilgili2011/{table}.csv", table=PUBLISHED_LOBES + ["psnr"]),
+        animation=animation_files,
     output:
         page="reports/materials/{material}.html",
         thumbnail="reports/materials/{material}/thumb.webp",

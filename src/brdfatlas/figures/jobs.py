@@ -122,7 +122,7 @@ def summary_job(
     models: Sequence[str],
     path: str | os.PathLike,
 ) -> None:
-    """Draw the sorted PSNR curves of all models over all materials (Bagher et al. 2016, Fig. 8)."""
+    """Draw the sorted ΔE00 curves of all models over all materials (Bagher et al. 2016, Fig. 8)."""
     facts = [read_json(item) for item in descriptions]
     diffuseness = {item["name"]: item["diffuseness"] for item in facts}
     plot_summary(read_tsv(errors), diffuseness, path, titles=titles_of(models), models=models)

@@ -41,6 +41,8 @@ from brdfatlas.rendering.images import Render, load_render, tone_map
 
 #: Ends of the logarithmic scales of maps; values outside are shown as the nearer end.
 DE00_RANGE, FLIP_RANGE = (0.1, 30.0), (0.01, 1.0)
+#: The animation of a material, in its folder (reports.animation).
+ANIMATION = "animation.webp"
 KINDS = ("render", "de00", "flip", "diff")
 
 
