@@ -24,6 +24,7 @@ include: "workflow/rules/fits.smk"
 include: "workflow/rules/renders.smk"
 include: "workflow/rules/errors.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/animations.smk"
 include: "workflow/rules/reports.smk"
 include: "workflow/rules/standings.smk"
 

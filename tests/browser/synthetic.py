@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from brdfatlas.figures.pictures import apply_colours, encode_hdr, picture_file, write_bars, write_webp
+from brdfatlas.figures.pictures import apply_colours, hdr_file, picture_file, write_bars, write_hdr, write_webp
 from brdfatlas.files import write_text
 from brdfatlas.fits import Fit
 from brdfatlas.models import MODELS
@@ -246,7 +246,10 @@ def make_run(
                         "converged": place != 1,
                         "message": "cap reached" if place == 1 else "",
                         "seconds": float(10 ** rng.uniform(-2, 1.5)),
-                        "details": {},
+                        "details": {
+                            2: {"bounds": ["kd (red) = 1"]},
+                            3: {"bound": {"factor": "D", "value": 1e-6, "held": 1204, "count": 2700}},
+                        }.get(place, {"bound": {"factor": "D", "value": 1e-6, "held": 0, "count": 2700}}),
                         "options": {"quirk": "yes"} if place == 0 else {},
                         "physics": {"reciprocity_error": 1e-7, "max_albedo": [0.9, 0.7, 0.4], "bad_cells": 0.0},
                         "parameters": {"kd": rng.uniform(0, 1, 3).tolist(), "n": (10 ** rng.uniform(0, 4, 4)).tolist()},
@@ -326,7 +329,7 @@ def make_pictures(
             image = sphere(size, np.asarray(colour) * (1 + 0.3 * wrong), 60 + 40 * number, 2.0 * (1 - wrong))
             shown = (255 * np.clip(1 - np.exp2(-image), 0, 1) ** (1 / 2.2)).astype(np.uint8)
             write_webp(picture_file(folder, scene, model), shown)
-            write_webp(picture_file(folder, scene, model, "hdr"), encode_hdr(image), lossless=True)
+            write_hdr(hdr_file(folder, scene, model), f"{folder.name}/{scene}/{model}", image)
             if model != "reference":
                 for kind in ("de00", "flip", "diff"):
                     write_webp(

@@ -433,10 +433,7 @@ def pixel(page) -> tuple[tuple[int, int], list[float]]:
 
 
 def test_compare_zoom_pan_and_pixel_values(tab, site):
-    import numpy as np
-    from PIL import Image
-
-    from brdfatlas.figures.pictures import decode_hdr
+    from brdfatlas.figures.pictures import read_hdr
 
     page = tab.open(site.reports / "compare.html", "#m=pvc&s=grove&b=toy_02")
     shown(page)
@@ -450,8 +447,7 @@ def test_compare_zoom_pan_and_pixel_values(tab, site):
     after = pixel(page)
     assert before[0] == after[0], "zooming keeps the pixel under the pointer"
     column, row = after[0]
-    with Image.open(site.reports / "materials/pvc/renders/grove/toy_02/hdr.webp") as picture:
-        expected = decode_hdr(np.asarray(picture))[row, column]
+    expected = read_hdr(site.reports / "materials/pvc/renders/grove/toy_02/hdr.js")[row, column]
     assert after[1] == pytest.approx(expected.tolist(), rel=1e-3), "printed with 4 digits"
     page.mouse.down()
     page.mouse.move(x + 80, y)
@@ -466,10 +462,7 @@ def test_compare_zoom_pan_and_pixel_values(tab, site):
 
 def test_compare_works_without_a_pointer(tab, site):
     """Divider, pan and pixel values by keys alone."""
-    import numpy as np
-    from PIL import Image
-
-    from brdfatlas.figures.pictures import decode_hdr
+    from brdfatlas.figures.pictures import read_hdr
 
     page = tab.open(site.reports / "compare.html", "#m=pvc&s=grove&b=toy_02&v=swipe&z=4")
     half = drawn(page)
@@ -499,8 +492,7 @@ def test_compare_works_without_a_pointer(tab, site):
     (x, y), printed = pixel(page)
     assert x > column
     assert y < row
-    with Image.open(site.reports / "materials/pvc/renders/grove/toy_02/hdr.webp") as picture:
-        expected = decode_hdr(np.asarray(picture))[y, x]
+    expected = read_hdr(site.reports / "materials/pvc/renders/grove/toy_02/hdr.js")[y, x]
     assert printed == pytest.approx(expected.tolist(), rel=1e-3)
     assert serious_faults(page) == []
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
-from brdfatlas.angles import theta_d_centres, theta_h_centres
+from brdfatlas.angles import above_horizon, theta_d_centres, theta_h_centres
+from brdfatlas.figures.tables import decode_table, encode_table, small_table, table_file, write_table
 from brdfatlas.files import write_npz
-from brdfatlas.fits import Fit
+from brdfatlas.fits import Fit, load_fit
 from brdfatlas.models import MODELS
 from brdfatlas.reports.data import SceneFacts
 from brdfatlas.reports.pages import write_assets
@@ -57,24 +58,33 @@ def viewer(tmp_path_factory):
         path = root / f"{material}-{model}.npz"
         Fit(model, material, parameters, standin=True).save(path)
         path.with_suffix(".json").write_text(json.dumps({"status": "ok"}))
-        fits.append((model, path))
+        fits.append((material, model, path))
     failed = root / "paint-naive.npz"
     failed.write_bytes(b"")
-    failed.with_suffix(".json").write_text(json.dumps({"status": "failed"}))
-    described = {}
+    failed.with_suffix(".json").write_text(json.dumps({"status": "failed", "reason": "FitError: <b>black</b>"}))
+    described, reports = {}, root / "reports"
     for name in ("metal", "paint"):
         described[name] = root / f"{name}.json"
         described[name].write_text(json.dumps({"name": name, "title": name, "standin": True}))
-    reports = root / "reports"
+    # The reference and a parametric model have tables; the Lambertian one is exact in any table.
+    parameters = {"alpha": np.array([0.4], np.float32), "fresnel": np.full((90, 3), [0.9, 0.6, 0.3], np.float32)}
+    gloss = Fit("ggx", "metal", parameters, standin=True)
+    flat = Fit("lambert", "metal", {"kd": np.array([0.6, 0.3, 0.1], np.float32)}, standin=True)
+    for model, fit in (("reference", gloss), ("ggx", gloss), ("lambert", flat)):
+        write_table(table_file(reports / "materials/metal", model), f"metal/{model}", fit.table(), above_horizon())
+        if model != "reference":
+            fits.append(("metal", model, root / f"metal-{model}.npz"))
+            fit.save(fits[-1][-1])
+            fits[-1][-1].with_suffix(".json").write_text(json.dumps({"status": "ok"}))
     write_assets(reports / "assets")
-    count = write_viewer(
+    counts = write_viewer(
         reports / "viewer.html",
         data=reports / "data",
-        fits=[*fits, ("naive", failed)],
+        fits=[*fits, ("paint", "naive", failed)],
         materials=described,
         scenes=[(SceneFacts("room"), root / "scene.npz")],
     )
-    assert count == 3, "three fits are shown, the failed one is not"
+    assert counts == {"factors": 3, "tables": 2, "failed": 1}
     return reports / "viewer.html", shrink_environment(environment), fits
 
 
@@ -110,17 +120,22 @@ def offline(parameters, model: str, environment: np.ndarray) -> tuple[np.ndarray
     return image, covered
 
 
+def choose(page, a: str, b: str, **others) -> None:
+    """Show models left and right, once what they need is loaded."""
+    page.evaluate("parts => ATLAS_VIEWER.change(parts)", {"m": "metal", "n": "", "a": a, "b": b} | others)
+    page.wait_for_function("ATLAS_VIEWER.loaded")
+
+
 def test_viewer_agrees_with_an_offline_render(tab, viewer):
-    """Mean over pixels of the squared error at least 35 dB below the peak, for both kinds of factors, side by side."""
+    """Mean over pixels of the squared error at least 35 dB below the peak, for both kinds of factors and for tables."""
     path, environment, fits = viewer
     page = tab.open(path)
     page.evaluate(f"ATLAS_VIEWER.resize({SIZE}, {SIZE})")
-    for row, (model, file) in enumerate(fits[:2]):
-        page.evaluate(f"Object.assign(ATLAS_VIEWER.state, {{a: {row}, b: {row}}}); ATLAS_VIEWER.restart()")
+    for _material, model, file in (fits[0], fits[1], fits[3], fits[4]):
+        choose(page, model, model)
         seen = np.array(page.evaluate("ATLAS_VIEWER.linear(1024)")).reshape(SIZE, SIZE, 3)
-        from brdfatlas.fits import load_fit
-
         expected, covered = offline(load_fit(file).parameters, model, environment)
+        covered = covered & (expected.max(-1) > 0)
         # Grazing pixels change by much within themselves: the quadrature looks at centres only.
         error = np.mean((seen[covered] - expected[covered]) ** 2)
         psnr = 10 * np.log10(expected[covered].max() ** 2 / error)
@@ -171,34 +186,37 @@ def rendered(tmp_path_factory):
     two = {"u": np.stack([0.4 * d, 0.2 * d**2], 1), "v": np.stack([f, 1 - f], 1)}
     two |= {"rho_d": glossy["rho_d"], "g": low_rank["g"]}
     for model, parameters in (("independent_g", glossy), ("low_rank_2", two)):
-        fits.append((model, root / f"{model}.npz"))
+        fits.append(("metal", model, root / f"{model}.npz"))
         fit = Fit(model, "metal", {k: np.asarray(v, np.float32) for k, v in parameters.items()}, standin=True)
-        fit.save(fits[-1][1])
-        fits[-1][1].with_suffix(".json").write_text(json.dumps({"status": "ok"}))
+        fit.save(fits[-1][-1])
+        fits[-1][-1].with_suffix(".json").write_text(json.dumps({"status": "ok"}))
         for name, definition in read_scenes(root / "scenes.yaml").items():
             scene = prepare_scene(name, definition, RENDERED)
             scene.save(root / f"{name}.npz")
             pictures[model, name] = render_scene(scene, Measured("metal", fit.table()), samples=1024)
+    # The first fit is also shown as if it had been measured.
+    measured = load_fit(root / "independent_g.npz").table()
+    write_table(table_file(reports / "materials/metal", "reference"), "metal/reference", measured, above_horizon())
     (root / "metal.json").write_text(json.dumps({"name": "metal", "title": "metal", "standin": True}))
     write_assets(reports / "assets")
     scenes = [(SceneFacts("room"), root / "sphere.npz")]
     materials = {"metal": root / "metal.json"}
     page = reports / "viewer.html"
-    assert write_viewer(page, data=reports / "data", fits=fits, materials=materials, scenes=scenes) == 2
+    assert write_viewer(page, data=reports / "data", fits=fits, materials=materials, scenes=scenes)["factors"] == 2
     return page, pictures
 
 
 @pytest.mark.parametrize("shape", ["sphere", "statue"])
 def test_viewer_agrees_with_the_renderer(tab, rendered, shape):
-    """At least 35 dB over the pixels that the material covers, for a single product and for two."""
+    """At least 35 dB over the pixels that the material covers, for a single product, for two, and for a table."""
     path, pictures = rendered
     page = tab.open(path)
     page.evaluate(f"ATLAS_VIEWER.resize({RENDERED}, {RENDERED})")
     page.locator("#shape").select_option(shape)
-    for row, model in enumerate(("independent_g", "low_rank_2")):
-        page.evaluate(f"Object.assign(ATLAS_VIEWER.state, {{a: {row}, b: {row}}}); ATLAS_VIEWER.restart()")
+    for model in ("independent_g", "low_rank_2", "reference"):
+        choose(page, model, model)
         seen = np.array(page.evaluate("ATLAS_VIEWER.linear(1024)")).reshape(RENDERED, RENDERED, 3)[::-1]
-        render = pictures[model, shape]
+        render = pictures["independent_g" if model == "reference" else model, shape]
         expected, mask = render.mean, render.mask
         psnr = 10 * np.log10(expected[mask].max() ** 2 / np.mean((seen[mask] - expected[mask]) ** 2))
         print(f"{shape}, {model}: {psnr:.1f} dB over {mask.sum()} pixels")
@@ -213,11 +231,11 @@ def test_viewer_split_and_controls(tab, viewer):
     page = tab.open(path)
     page.evaluate(f"ATLAS_VIEWER.resize({SIZE}, {SIZE})")
 
-    def linear(a: int, b: int) -> np.ndarray:
-        page.evaluate(f"Object.assign(ATLAS_VIEWER.state, {{a: {a}, b: {b}}}); ATLAS_VIEWER.restart()")
+    def linear(a: str, b: str) -> np.ndarray:
+        choose(page, a, b)
         return np.array(page.evaluate("ATLAS_VIEWER.linear(64)")).reshape(SIZE, SIZE, 3)
 
-    left, right, both = linear(0, 0), linear(2, 2), linear(0, 2)
+    left, right, both = linear("ggx", "ggx"), linear("naive", "naive"), linear("ggx", "naive")
     half = SIZE // 2
     assert np.array_equal(both[:, :half], left[:, :half])
     assert np.array_equal(both[:, half:], right[:, half:])
@@ -228,10 +246,70 @@ def test_viewer_split_and_controls(tab, viewer):
     assert np.abs(turned - both).max() > 0.05, "the light has moved"
     page.locator("#material-b").select_option("paint")
     page.locator("#model-b").select_option("naive")
-    assert "No fit of naive to paint" in page.locator("#message").inner_text()
+    assert "Naive" in page.locator("#right").inner_text()
+    assert "cannot be shown: FitError: <b>black</b>" in page.locator("#message").inner_text()
     assert tab.faults == []
     faults = [v["id"] for v in Axe().run(page).response["violations"] if v["impact"] in ("serious", "critical")]
     assert faults == [], "an accessibility scan of the working viewer"
+
+
+def test_viewer_keeps_its_state(tab, viewer):
+    """Reload, Back and a link show the same; the reference is beside the models at first; the divider is dragged."""
+    path, _environment, _fits = viewer
+    page = tab.open(path, "#m=paint&b=independent_g")
+    page.evaluate(f"ATLAS_VIEWER.resize({SIZE}, {SIZE})")
+    assert page.locator("#material-a").input_value() == page.locator("#material-b").input_value() == "paint"
+    assert page.locator("#model-a").input_value() == "reference"
+    assert "this run made no table" in page.locator("#message").inner_text()
+    # The missing table is the test's own doing.
+    tab.faults = [fault for fault in tab.faults if "reference.js" not in fault and "ERR_FILE_NOT_FOUND" not in fault]
+    page.locator("#material-a").select_option("metal")
+    assert page.locator("#material-b").input_value() == "metal", "one material on both sides until another is chosen"
+    page.locator("#material-b").select_option("paint")
+    page.locator("#shape").select_option("statue")
+    page.locator("#exposure").fill("1.5")
+    box = page.locator("#canvas").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 20)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 30)
+    page.mouse.up()
+    page.locator("#canvas").focus()
+    page.keyboard.press("ArrowUp")
+    page.wait_for_function("location.hash.includes('y=')")
+    kept = page.evaluate("ATLAS_VIEWER.state")
+    assert kept["w"] == pytest.approx(0.25, abs=0.01)
+    assert (kept["n"], kept["f"], kept["e"]) == ("paint", "statue", 1.5)
+    address = page.url
+
+    def same() -> None:
+        found = page.evaluate("ATLAS_VIEWER.state")
+        assert found == {k: pytest.approx(v, abs=1e-4) if isinstance(v, float) else v for k, v in kept.items()}
+        assert page.locator("#shape").input_value() == "statue"
+        assert page.locator("#model-b").input_value() == "independent_g"
+        assert page.locator("#stops").inner_text() == "+1.5 stops"
+
+    page.reload()
+    same()
+    page.goto("about:blank")
+    page.go_back()
+    same()
+    page.goto("about:blank")
+    page.goto(address)
+    same()
+    assert tab.faults == []
+
+
+@pytest.mark.parametrize("full_circle", [False, True])
+def test_tables_survive_their_encoding(full_circle):
+    """Within 0.3 % over twelve decades; a table that is its own mirror image keeps its means."""
+    rng = np.random.default_rng(1)
+    table = 10 ** rng.uniform(-4, 4, (90, 90, 90, 3))
+    table = np.concatenate([table, table[:, :, ::-1]] * (2 if full_circle else 1), 2)
+    small = small_table(table, np.ones((90, 90, 180), bool))
+    cells = (90, 30, 30 if full_circle else 15)
+    assert small.shape == (*cells, 3)
+    assert np.allclose(small.mean((1, 2)), table.mean((1, 2)), rtol=1e-5)
+    assert np.allclose(decode_table(encode_table(small), cells), small, rtol=3e-3, atol=1e-5)
 
 
 def test_environment_keeps_its_light():
@@ -239,8 +317,8 @@ def test_environment_keeps_its_light():
     rng = np.random.default_rng(0)
     image = rng.uniform(0, 1, (129, 256, 3))
     small = shrink_environment(image)
-    edges = np.cos(np.arange(65) / 64 * np.pi)
-    solid = (edges[:-1] - edges[1:])[:, None, None] * 2 * np.pi / 128
+    edges = np.cos(np.arange(129) / 128 * np.pi)
+    solid = (edges[:-1] - edges[1:])[:, None, None] * 2 * np.pi / 256
     theta = np.arange(129) / 128 * np.pi
     fine = np.sin(theta)[:, None, None] * (np.pi / 128) * (2 * np.pi / 256)
     assert np.allclose((small * solid).sum((0, 1)), (image * fine).sum((0, 1)), rtol=2e-3), "quadrature error only"

@@ -77,8 +77,12 @@ def test_write_index(run_rule, finished_run):
 
 
 def test_write_viewer(run_rule):
-    """The small run has no factor model: the viewer says so instead of breaking."""
-    assert "no fit of the form" in run_rule("write_viewer", "reports/viewer.html").read_text(encoding="utf-8")
+    """The small run has no factor model: reference and fits are shown by the tables that draw_figures left."""
+    page = run_rule("write_viewer", "reports/viewer.html")
+    assert "the other 4 come from tables" in page.read_text(encoding="utf-8")
+    for material in ("chrome", "pink-felt"):
+        tables = {path.stem for path in (page.parent / f"materials/{material}/tables").iterdir()}
+        assert tables == {"reference", "ggx", "gaussian"}
 
 
 def test_write_uber_texture(finished_run, tmp_path):
@@ -94,7 +98,7 @@ def test_write_uber_texture(finished_run, tmp_path):
     for name, values in texture.parameters("chrome").items():
         np.testing.assert_array_equal(values, fitted.parameters[name])
     page = (project.root / "reports/viewer.html").read_text(encoding="utf-8")
-    assert "no fit of the form" not in page
+    assert "2 fits are rendered from their factors" in page
     assert "data/models/g_from_d/uber-texture-1.exr" in page
     assert "g_from_d" in (project.root / "reports/data/viewer.js").read_text(encoding="utf-8")
 

@@ -1,8 +1,6 @@
 """Pages and PDF from the files of a made-up run: numbers, order, escaping, honesty, weight."""
 
-import base64
 import hashlib
-import io
 import itertools
 import json
 import math
@@ -14,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from PIL import Image
 from pypdf import PdfReader
 
 from brdfatlas.figures.pareto import spread
-from brdfatlas.figures.pictures import decode_hdr
+from brdfatlas.figures.pictures import read_hdr
 from brdfatlas.measures.ranking import best_rows
 from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, best_of, median, pareto_front, score_models
 from brdfatlas.models import MODELS
@@ -173,6 +170,16 @@ def test_standins_carry_their_mark(run):
     table = pd.read_csv(run.reports / "data/materials.tsv", sep="\t", keep_default_na=False)
     table = table.set_index("material")["standin"]
     assert dict(table) == {"alum-bronze": 1, "pvc": 1, "null": 0}
+
+
+def test_bounds_that_a_fit_has_reached_stand_beside_its_parameters(run):
+    page = run.reports / "materials/null.html"
+    assert "At a bound: kd (red) = 1." in Tags(page).text
+    told = (
+        f"{formats.integer(1204)} of {formats.integer(2700)} values of D lie at the lower bound, {formats.number(1e-6)}"
+    )
+    assert f"{told} of the largest value." in Tags(page).text
+    assert page.read_text().count('class="note small bounds"') == 2, "and beside no other"
 
 
 def test_failures_quirks_and_left_out_files_show(run):
@@ -370,12 +377,9 @@ def test_script_of_the_index_holds_every_number(run):
 
 def test_linear_light_travels_as_a_script(run):
     folder = run.reports / "materials/pvc"
-    match = re.fullmatch(
-        r'window\.ATLAS_HDR\("(.+?)","(.+)"\);\n', (folder / "renders/grove/toy_01/hdr.js").read_text()
-    )
-    assert match[1] == "pvc/grove/toy_01"
-    with Image.open(io.BytesIO(base64.b64decode(match[2]))) as image:
-        radiance = decode_hdr(np.asarray(image))
+    path = folder / "renders/grove/toy_01/hdr.js"
+    assert path.read_text().startswith('window.ATLAS_HDR("pvc/grove/toy_01","')
+    radiance = read_hdr(path)
     assert radiance.shape == (24, 24, 3)
     assert radiance.max() > 1
     assert not (folder / "renders/grove/toy_03/hdr.js").exists(), "a failed fit has no picture"

@@ -32,6 +32,10 @@ try:
     ASSETS = read_assets(located("config/assets.yaml"))
     PUBLISHED_FITS = read_assets(located("config/published_fits.yaml"))
     RGL = read_rgl(located("config/rgl.yaml"))
+    config["animation"]["scene"] = choose(
+        [config["animation"]["scene"] or SCENES[0]], SCENES, "animation.scene", "config"
+    )[0]
+    choose([config["animation"]["model"]] if config["animation"]["model"] else [], MODELS, "animation.model", "config")
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     FOUND, LEFT_OUT, CHECKS = find_materials(config, "results/standins", "results/checks.json")
 except ValueError as error:

@@ -20,7 +20,6 @@ rule draw_pictures:
         models=MODELS,
         tones=TONES,
         folder="reports/materials/{material}",
-        hdr=True,
     message:
         "pictures of {wildcards.material}"
     script:

@@ -68,6 +68,7 @@ rule write_material_page:
         files="results/fit_files/{material}.json",
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
         published=expand(f"{PUBLISHED}/bilgili2011/{{table}}.csv", table=PUBLISHED_LOBES + ["psnr"]),
+        animation=animation_files,
     output:
         page="reports/materials/{material}.html",
         thumbnail="reports/materials/{material}/thumb.webp",
@@ -292,14 +293,14 @@ rule write_viewer:
     params:
         provenance=provenance("brdfatlas.reports.viewer", files=TEMPLATES),
         data=lambda wildcards, output: str(Path(output.script).parent),
-        fits=[(model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
+        fits=[(material, model, f"results/fits/{material}/{model}.npz") for material in MATERIALS for model in MODELS],
         materials={material: f"results/materials/{material}.json" for material in MATERIALS},
         textures=lambda wildcards, input: [os.path.relpath(path, "reports/data") for path in input.textures],
         entries=ENTRIES,
         scenes=SHOWN_SCENES,
         links=LINKS,
     message:
-        "interactive viewer of the factor fits"
+        "interactive viewer"
     script:
         "../scripts/write_viewer.py"
 

@@ -7,4 +7,4 @@ from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]):
     p, renders = snakemake.params, Path(snakemake.input.renders[0]).parents[1]
-    pictures_job(p.models, p.tones, renders, p.folder, snakemake.output.listing, hdr=p.hdr)
+    pictures_job(p.models, p.tones, renders, p.folder, snakemake.output.listing)

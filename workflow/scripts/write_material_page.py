@@ -20,5 +20,6 @@ with logged(snakemake.log[0]):
         models=p.models,
         scenes=scene_facts(p.scenes),
         published=p.published,
+        animation=i.animation[-1] if i.animation else None,
         **p.links,
     )

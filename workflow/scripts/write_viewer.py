@@ -1,4 +1,4 @@
-"""The interactive viewer of the factor fits."""
+"""The interactive viewer."""
 
 from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from brdfatlas.constants import REFERENCE
 from brdfatlas.figures.curves import function_curves, lobe_curves, plot_curves
 from brdfatlas.figures.factors import plot_convergence, plot_slices, plot_weights
 from brdfatlas.figures.functions import plot_functions
 from brdfatlas.figures.lobes import plot_lobes
 from brdfatlas.figures.samples import plot_samples
 from brdfatlas.figures.summary import plot_summary
+from brdfatlas.figures.tables import has_few_products, table_file, write_table
 from brdfatlas.files import digests, read_json, write_json, write_text
 from brdfatlas.fits import Fit, load_fit
 from brdfatlas.formats.reader import read
@@ -48,8 +50,9 @@ def figures_job(
     lobes.svg with every model that has a fit (the reference alone if none has); the numbers of the page's charts in
     curves.js, functions.svg with the functions of all fits; functions/{model}.svg where a fit has
     named functions; convergence/{model}.svg where its report has a curve for each channel; slices.webp and weights.svg
-    where a fit is a sum of products; samples.svg of scattered data. Figures of an earlier run that this one does not
-    draw are removed.
+    where a fit is a sum of products; samples.svg of scattered data; tables/{model}.js for the viewer, of the reference
+    and of every fit that is not shown by its factors. Figures of an earlier run that this one does not draw are
+    removed.
     """
     folder = Path(folder)
     measured, loaded, titles = read(binary), load_fits(models, fits), titles_of(models)
@@ -66,6 +69,12 @@ def figures_job(
         plot_slices(measured, factored, folder / "slices.webp")
         plot_weights(measured, folder / "weights.svg")
         drawn |= {"slices.webp", "weights.svg"}
+    exact = [name for name, fit in loaded.items() if has_few_products(fit.factors())]
+    for name, table in ({REFERENCE: measured.table} | tables).items():
+        if name not in exact:
+            path = table_file(folder, name)
+            write_table(path, f"{folder.name}/{name}", table, measured.valid)
+            drawn.add(path.relative_to(folder).as_posix())
     for name, fit in loaded.items():
         title = titles[name]
         others = {titles[other]: loaded[other] for other in loaded if other != name}
@@ -79,6 +88,7 @@ def figures_job(
     for pattern in (
         "functions/*.svg",
         "convergence/*.svg",
+        "tables/*.js",
         "functions.svg",
         "slices.webp",
         "weights.svg",
@@ -112,7 +122,7 @@ def summary_job(
     models: Sequence[str],
     path: str | os.PathLike,
 ) -> None:
-    """Draw the sorted PSNR curves of all models over all materials (Bagher et al. 2016, Fig. 8)."""
+    """Draw the sorted ΔE00 curves of all models over all materials (Bagher et al. 2016, Fig. 8)."""
     facts = [read_json(item) for item in descriptions]
     diffuseness = {item["name"]: item["diffuseness"] for item in facts}
     plot_summary(read_tsv(errors), diffuseness, path, titles=titles_of(models), models=models)

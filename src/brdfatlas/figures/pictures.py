@@ -7,21 +7,26 @@ any separator but this one:
     de00.webp     CIEDE2000, cividis, 0.1 to 30, logarithmic: fits differ by decades
     flip.webp     FLIP, magma (the colour map of FLIP's authors), 0.01 to 1, logarithmic
     diff.webp     signed difference of luminance, blue (too dark) - white - red (too bright)
-    hdr.webp      linear radiance, lossless
+    hdr.js        linear radiance, for the page that compares
 
 Ranges are fixed for all, so that maps of different models, scenes and materials compare by eye; what lies outside the
 material is transparent in maps. The difference is that of exposed luminance, ln 2 exposure (Y_fit - Y_reference), 1
 being the display's white; its colour runs as sign(d) sqrt|d| from -1 to 1, so that a hundredth of white is still seen.
 
-**hdr.webp**, for the decoder in JavaScript: an opaque image of h x w radiances is stored 2h high, because browsers
-multiply colours by alpha. The upper half holds mantissas m_r, m_g, m_b, the lower half, at (x, y + h), the exponent
-byte e in all three channels. With bytes 0 to 255 (no colour management: `colorSpaceConversion: "none"`),
+**hdr.js** calls ``ATLAS_HDR("material/scene/model", base64)`` with a lossless WebP: a page from file:// may not read
+the pixels of a picture file, but may run a script that carries them. An image of h x w radiances is stored opaque and
+2h high, because browsers multiply colours by alpha. The upper half holds mantissas m_r, m_g, m_b, the lower half, at
+(x, y + h), the exponent byte e in all three channels. With bytes 0 to 255 (no colour management:
+`colorSpaceConversion: "none"`),
 
     radiance_c = m_c 2^(e - 136),    0 where e = 0,
 
 which is Ward's RGBE, rounded to nearest: relative error of the largest channel <= 1/255.
 """
 
+import base64
+import io
+import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -36,7 +41,9 @@ from brdfatlas.rendering.images import Render, load_render, tone_map
 
 #: Ends of the logarithmic scales of maps; values outside are shown as the nearer end.
 DE00_RANGE, FLIP_RANGE = (0.1, 30.0), (0.01, 1.0)
-KINDS = ("render", "de00", "flip", "diff", "hdr")
+#: The animation of a material, in its folder (reports.animation).
+ANIMATION = "animation.webp"
+KINDS = ("render", "de00", "flip", "diff")
 
 
 def picture_file(folder: str | os.PathLike, scene: str, model: str, kind: str = "render") -> Path:
@@ -96,27 +103,46 @@ def decode_hdr(stored: np.ndarray) -> np.ndarray:
     return np.where(exponent > 0, np.ldexp(stored[:height].astype(np.float64), exponent - 136), 0.0)
 
 
-def write_webp(path: str | os.PathLike, pixels: np.ndarray, *, lossless: bool = False) -> None:
-    """Write (h, w, 3 or 4) uint8 as WebP, quality 85 unless lossless; whole or not at all."""
+def hdr_file(folder: str | os.PathLike, scene: str, model: str) -> Path:
+    """The script that carries the linear radiance of one picture."""
+    return picture_file(folder, scene, model).with_name("hdr.js")
+
+
+def write_hdr(path: str | os.PathLike, name: str, radiance: np.ndarray) -> None:
+    """Write (h, w, 3) linear radiance as hdr.js; ``name``: material/scene/model."""
+    stored = io.BytesIO()
+    # Method 4 takes four times as long for 6 % less.
+    Image.fromarray(encode_hdr(radiance)).save(stored, "WEBP", quality=85, method=2, lossless=True)
+    content = base64.b64encode(stored.getvalue()).decode("ascii")
+    write_text(path, f'window.ATLAS_HDR({json.dumps(name)},"{content}");\n')
+
+
+def read_hdr(path: str | os.PathLike) -> np.ndarray:
+    """The radiance in a hdr.js, (h, w, 3) float64."""
+    content = Path(path).read_text(encoding="ascii").rsplit('"', 2)[1]
+    with Image.open(io.BytesIO(base64.b64decode(content))) as image:
+        return decode_hdr(np.asarray(image.convert("RGB")))
+
+
+def write_webp(path: str | os.PathLike, pixels: np.ndarray) -> None:
+    """Write (h, w, 3 or 4) uint8 as WebP, quality 85; whole or not at all."""
     with atomic_path(path) as temporary:
-        # Lossless, method 4 takes four times as long for 6 % less.
-        Image.fromarray(pixels).save(temporary, "WEBP", quality=85, method=2 if lossless else 4, lossless=lossless)
+        Image.fromarray(pixels).save(temporary, "WEBP", quality=85, method=4)
 
 
-def scene_pictures(reference: Render, image: Render, tone: Tone, *, hdr: bool = True) -> dict[str, np.ndarray]:
+def scene_pictures(reference: Render, image: Render, tone: Tone) -> dict[str, np.ndarray]:
     """The pictures of one model and scene by their kind, uint8."""
     mask = reference.mask
     shown, compared = displayed(reference, image, tone)
     delta = np.zeros(mask.shape)
     delta[mask] = delta_e_map(reference.mean[mask], image.mean[mask], tone.exposure)
     signed = signed_root(luminance_difference(reference.mean, image.mean, tone.exposure))
-    pictures = {
+    return {
         "render": to_8_bit(tone_map(image.mean, *tone)),
         "de00": apply_colours(log_place(delta, DE00_RANGE), colour_table("cividis"), mask),
         "flip": apply_colours(log_place(flip_map(shown, compared), FLIP_RANGE), colour_table("magma"), mask),
         "diff": apply_colours(signed, colour_table("RdBu_r"), mask),
     }
-    return pictures | ({"hdr": encode_hdr(image.mean)} if hdr else {})
 
 
 def material_pictures(
@@ -124,10 +150,8 @@ def material_pictures(
     tones: Mapping[str, Tone],
     renders: str | os.PathLike,
     folder: str | os.PathLike,
-    *,
-    hdr: bool = True,
 ) -> list[str]:
-    """Write all pictures of one material into ``folder``; returns the files below ``folder``, sorted.
+    """Write all pictures of one material into ``folder``, which has its name; returns the files below it, sorted.
 
     ``renders`` holds {model}/{scene}.exr. A model that failed gets none, and pictures that an earlier run left for
     it are removed. The noise floor ("reference_again") gets its maps only.
@@ -139,16 +163,23 @@ def material_pictures(
             image = reference if model == REFERENCE else load_render(renders / model / f"{scene}.exr")
             pictures = {}
             if image.meta.get("status", "ok") == "ok" and np.isfinite(image.mean).all():
-                pictures = scene_pictures(reference, image, tone, hdr=hdr)
-            keep = {REFERENCE: ("render", "hdr"), REFERENCE_AGAIN: ("de00", "flip", "diff")}.get(model, KINDS)
+                pictures = scene_pictures(reference, image, tone)
+            keep = {REFERENCE: ("render",), REFERENCE_AGAIN: ("de00", "flip", "diff")}.get(model, KINDS)
             for kind in KINDS:
                 path = picture_file(folder, scene, model, kind)
                 if kind in keep and kind in pictures:
-                    write_webp(path, pictures[kind], lossless=kind == "hdr")
-                    written.append(path.relative_to(folder).as_posix())
+                    write_webp(path, pictures[kind])
+                    written.append(path)
                 else:
                     path.unlink(missing_ok=True)
-    return sorted(written)
+            path = hdr_file(folder, scene, model)
+            if pictures and model != REFERENCE_AGAIN:
+                write_hdr(path, f"{folder.name}/{scene}/{model}", image.mean)
+                written.append(path)
+            else:
+                path.unlink(missing_ok=True)
+            path.with_suffix(".webp").unlink(missing_ok=True)  # of an earlier version
+    return sorted(path.relative_to(folder).as_posix() for path in written)
 
 
 def pictures_job(
@@ -157,13 +188,11 @@ def pictures_job(
     renders: str | os.PathLike,
     folder: str | os.PathLike,
     listing: str | os.PathLike,
-    *,
-    hdr: bool = True,
 ) -> None:
     """Write the pictures of one material and a list of them, {"pictures": {file: SHA-256}}, which changes with any of
     them; ``tones``: scene -> (exposure, gamma)."""
     named = {scene: Tone(*tone) for scene, tone in tones.items()}
-    written = material_pictures(models, named, renders, folder, hdr=hdr)
+    written = material_pictures(models, named, renders, folder)
     write_json(listing, {"pictures": digests(folder, written)})
 
 

@@ -1,4 +1,5 @@
-"""All models on all materials in one figure: sorted PSNR curves (as Fig. 8 of Bagher et al. 2016)."""
+"""All models on all materials in one figure: sorted error curves (as Fig. 8 of Bagher et al. 2016, whose PSNR cannot be
+compared between materials; these show ΔE00)."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -9,19 +10,20 @@ from matplotlib import pyplot
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.figures import style
+from brdfatlas.measures.summary import LEADING, median
 
 
-def mean_psnr(errors: pd.DataFrame, column: str = "psnr_db") -> pd.DataFrame:
-    """PSNR averaged over scenes: materials x models, NaN where a fit failed.
+def mean_errors(errors: pd.DataFrame, column: str = LEADING.key) -> pd.DataFrame:
+    """An error averaged over scenes: materials x models, NaN where a fit failed.
 
-    ``errors``: rows with material, model, scene and ``column`` (results/errors/*/images.tsv in turn). An infinite PSNR
-    (equal images) counts as 100 dB. ValueError names a missing column.
+    ``errors``: rows with material, model, scene and ``column`` (results/errors/*/images.tsv in turn). ValueError names
+    a missing column.
     """
     for name in ("material", "model", "scene", column):
         if name not in errors:
             raise ValueError(f"errors: no column {name!r}")
     rows = errors[~errors["model"].isin((REFERENCE, REFERENCE_AGAIN))]
-    values = pd.to_numeric(rows[column], errors="coerce").replace(np.inf, 100.0)
+    values = pd.to_numeric(rows[column], errors="coerce")
     return rows.assign(value=values).pivot_table("value", "material", "model", aggfunc="mean", dropna=False, sort=False)
 
 
@@ -34,30 +36,32 @@ def plot_summary(
     models: Sequence[str] = (),
     guide: str = "independent_g",
 ) -> None:
-    """Two plots of PSNR over materials, a line a model: sorted by diffuseness, and by the PSNR of ``guide``.
+    """Two plots of ΔE00 over materials, a line a model: sorted by diffuseness, and by that of ``guide``, worst first.
 
-    ``diffuseness``: material -> number; ``titles``: model -> name in the legend; ``models``: their order. If ``guide``
-    is not among them the model with the best mean takes its place. ValueError without a row.
+    ``diffuseness``: material -> number; ``titles``: model -> name in the legend, which has the lowest median first;
+    ``models``: their order, which chooses the colours. If ``guide`` is not among them the model with the lowest median
+    takes its place. ValueError without a row.
     """
-    table = mean_psnr(errors)
+    table = mean_errors(errors)
     models = [m for m in (models or table.columns) if m in table.columns and table[m].notna().any()]
     if not models:
-        raise ValueError(f"{path}: no PSNR to draw")
+        raise ValueError(f"{path}: no {LEADING.title} to draw")
+    ranked = sorted(models, key=lambda model: median(table[model]))
     if guide not in models:
-        guide = str(table[models].mean().idxmax())
+        guide = ranked[0]
     names = dict(titles or {})
     by_diffuseness = sorted(table.index, key=lambda material: (diffuseness.get(material, np.inf), material))
-    by_error = table[guide].sort_values(kind="stable", na_position="first").index
+    by_error = table[guide].sort_values(ascending=False, kind="stable", na_position="first").index
     orders = (
         (by_diffuseness, "sorted by diffuseness: specular left, diffuse right"),
-        (by_error, f"sorted by the PSNR of {names.get(guide, guide)}"),
+        (by_error, f"sorted by the {LEADING.title} of {names.get(guide, guide)}"),
     )
     count = len(table)
     with style.paper():
         figure, axes = pyplot.subplots(2, 1, figsize=(8.4, 7.2), sharey=True, layout="constrained")
         marker = "o" if count <= 40 else ""
         for axis, (order, title) in zip(axes, orders):
-            for number, model in enumerate(models):
+            for model in ranked:
                 axis.plot(
                     np.arange(count),
                     table.loc[list(order), model],
@@ -65,10 +69,13 @@ def plot_summary(
                     markersize=2.5,
                     linewidth=1.1,
                     label=names.get(model, model),
-                    **style.line_of(number),
+                    **style.line_of(models.index(model)),
                 )
             axis.set_title(f"Materials {title}", loc="left")
-            axis.set(ylabel="PSNR (dB), mean over scenes", xlim=(-0.5, count - 0.5))
+            axis.set(ylabel=f"{LEADING.title}, mean over scenes", xlim=(-0.5, count - 0.5))
+            if table[models].min(axis=None) > 0:
+                axis.set_yscale("log")
+                axis.yaxis.set_major_formatter("{x:g}")
             axis.grid(axis="x", visible=False)
             if count <= 40:
                 axis.set_xticks(np.arange(count), list(order), rotation=90, fontsize=6)

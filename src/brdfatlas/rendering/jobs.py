@@ -28,6 +28,7 @@ from brdfatlas.rendering.scenes import (
     prepare_scene,
     read_scenes,
     scenes_file,
+    turn_light,
 )
 
 
@@ -79,6 +80,43 @@ def render_models(
             pictures = passes(scene, reference, chosen, samples, batches, stream)
             found |= {name: _with_labels(scene, parts, samples, stream) for name, parts in zip(names, pictures)}
     return {name: found[name] for name in tables}
+
+
+def render_turning(
+    scene: PreparedScene,
+    measured: Measured,
+    tables: Mapping[str, np.ndarray | None],
+    turns: Sequence[float],
+    *,
+    samples: int = 64,
+    batches: int = 4,
+    seed: int = 1,
+) -> Iterator[dict[str, np.ndarray]]:
+    """As :func:`render_models` with the environment turned by each of ``turns`` in degrees: name -> (size, size, 3)
+    linear radiance. Tables are loaded once, at most 32, and every lane has as many samples: noise does not move."""
+    import drjit as dr
+    import mitsuba as mi
+
+    from brdfatlas.rendering.bsdf import reflectance_of
+
+    settings = {"samples": samples, "batches": batches, "seed": seed}
+    if not dr.is_jit_v(mi.Float):
+        for degrees in turns:
+            renders = render_models(turn_light(scene, degrees), measured, tables, **settings)
+            yield {name: render.mean for name, render in renders.items()}
+        return
+    from brdfatlas.rendering.integrator import render_batches, set_up
+
+    check_settings(scene.size, samples, batches)
+    with RENDERING:
+        chosen = [measured.table if table is None else table for table in tables.values()]
+        group = reflectance_of(measured).with_tables(chosen)
+    stream = picture_seed(seed, measured.name, scene.name)
+    for degrees in turns:
+        with RENDERING:
+            lit = turn_light(scene, degrees)
+            parts = render_batches(set_up(lit), group, samples, batches, stream).mean(1) + lit.background
+        yield dict(zip(tables, parts))
 
 
 def _shared_pass(

@@ -7,20 +7,22 @@ direct illumination the picture is a sum of what camera rays find on the materia
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from brdfatlas.files import read_npz, write_npz
-from brdfatlas.rendering.environments import ProbeError, environment_image
+from brdfatlas.rendering.environments import ProbeError, environment_image, turned
 from brdfatlas.settings import SCHEMAS, check, check_name, complete, located, read_yaml
 
 #: Keys of a shape that say something about it, beside shape, surface and position.
 _KEYS = {"sphere": {"size"}, "floor": {"size", "turn"}, "statue": {"size", "turn"}, "mesh": {"size", "turn", "file"}}
 #: Sobol' points in a prepared scene, enough for 8192 samples in 8 batches, and their dimensions.
 N_POINTS, DIMENSIONS = 1024, 8
+#: A BSDF that reflects nothing: what is seen of the light past the material.
+BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 
 
 class SceneError(ValueError):
@@ -275,13 +277,23 @@ def prepare_scene(
     black, empty = np.zeros((size, size, 3), np.float32), np.zeros((size, size), np.float32)
     points = sobol_points(N_POINTS)
     bare = PreparedScene(name, scene, size, environment, meshes, black, empty, points, notes)
-    diffuse = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}})
-    loaded = mi.load_dict(mitsuba_scene(bare, diffuse))
+    loaded = mi.load_dict(mitsuba_scene(bare, BLACK))
     background = np.array(mi.render(loaded, spp=samples, seed=0), np.float32)
     coverage = _coverage(loaded, scene, size)
     if coverage.max() < 0.9999:
         raise SceneError(f"{where}: no pixel shows the material; move the camera or the shapes")
     return PreparedScene(name, scene, size, environment, meshes, background, coverage, points, notes)
+
+
+def turn_light(scene: PreparedScene, degrees: float, samples: int = 64) -> PreparedScene:
+    """The scene with its environment turned about the vertical, anticlockwise from above; ``samples``: of the
+    background."""
+    import mitsuba as mi
+
+    environment = np.ascontiguousarray(turned(scene.environment, degrees), np.float32)
+    lit = replace(scene, environment=environment)
+    loaded = mi.load_dict(mitsuba_scene(lit, BLACK))
+    return replace(lit, background=np.array(mi.render(loaded, spp=samples, seed=0), np.float32))
 
 
 def material_shapes(loaded: Any, scene: Mapping[str, Any]) -> list[Any]:

@@ -11,7 +11,8 @@ from urllib.parse import quote
 import pandas as pd
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
-from brdfatlas.figures.pictures import picture_file
+from brdfatlas.figures.pictures import ANIMATION, picture_file
+from brdfatlas.files import read_json
 from brdfatlas.measures.summary import BRDF_MEASURES, BUDGETS, LEADING, MEASURES, PSNR, Summary, best_by_noise, best_of
 from brdfatlas.reports.data import (
     Material,
@@ -27,8 +28,8 @@ from brdfatlas.reports.data import (
     write_tsv,
 )
 from brdfatlas.reports.fit_files import ENDINGS, files_of
-from brdfatlas.reports.formats import digits, number, storage
-from brdfatlas.reports.pages import Picture, find_picture, render_page, write_hdr_scripts, write_thumbnail
+from brdfatlas.reports.formats import digits, integer, number, storage
+from brdfatlas.reports.pages import Picture, find_picture, render_page, write_thumbnail
 
 #: Kinds of pictures of the grid: name, button, what its values are, caption.
 KINDS = (
@@ -80,6 +81,7 @@ class Entry:
     files: list[tuple[str, str, str]] = field(default_factory=list)
     published: Mapping[str, float] = field(default_factory=dict)
     parameters: list[dict[str, Any]] = field(default_factory=list)
+    bounds: str = ""
 
     @property
     def physics(self) -> Mapping[str, Any]:
@@ -108,9 +110,12 @@ def write_material_page(
     models: Sequence[str],
     scenes: Sequence[SceneFacts],
     published: str | Path | None = None,
+    animation: str | Path | None = None,
     **links: bool,
 ) -> None:
     """Write the page of one material, its tables in ``data`` and its thumbnail in ``pictures``.
+
+    ``animation``: the note beside animation.webp in ``pictures``, where there is one.
 
     ``pictures`` is the folder of the material's pictures and fits (figures.pictures, :mod:`.fit_files`);
     ``materials`` is the order of pages. The page needs nothing of other materials: it is out when its material is.
@@ -132,7 +137,6 @@ def write_material_page(
     for ending, frame in tables.values():
         write_tsv(data / "materials" / material.name / ending, frame)
     write_thumbnail(pictures, scenes, models)
-    write_hdr_scripts(pictures, material.name, scenes, models)
     place = list(materials).index(material.name)
     recommended = summary.recommend([material.name])
     by_name = {entry.name: entry for entry in entries}
@@ -158,6 +162,7 @@ def write_material_page(
         if chosen
         else [],
         kinds=KINDS,
+        animation=animation_told(output, pictures, animation, by_name),
         size=_picture_size(output, pictures, scenes, models),
         bars=_bars(output),
         curves=(pictures / "curves.js").is_file(),
@@ -172,6 +177,17 @@ def write_material_page(
     )
 
 
+def animation_told(
+    page: Path, pictures: Path, note: str | Path | None, entries: Mapping[str, Entry]
+) -> tuple[Picture, str, list[Entry]] | None:
+    """The animation of the material, the name of its scene and the models beside the reference; None without one."""
+    picture = find_picture(page, pictures / ANIMATION) if note else None
+    if note is None or picture is None:
+        return None
+    told = read_json(note)
+    return picture, str(told["scene"]).replace("_", " "), [entries[name] for name in told["models"] if name in entries]
+
+
 def make_entries(
     material: Material, summary: Summary, scenes: Sequence[SceneFacts], published: str | Path | None
 ) -> list[Entry]:
@@ -184,6 +200,7 @@ def make_entries(
     for entry in entries:
         entry.published = published_row(published, entry.name, material.name)
         entry.parameters = parameter_table(entry)
+        entry.bounds = bounds_text((entry.fit or {}).get("details") or {})
     return entries
 
 
@@ -318,6 +335,22 @@ def parameter_table(entry: Entry) -> list[dict[str, Any]]:
         published = [number(theirs[name.lower(), place]) for place in places]
         rows.append(item | {"values": printed, "published": published})
     return rows
+
+
+def bounds_text(details: Mapping[str, Any]) -> str:
+    """Which bounds a fit has reached, from its report; "" if none. ``bound``: how many values of a factor lie at its
+    lower bound; ``bounds``: parameters at an end of their range."""
+    bound, listed = details.get("bound") or {}, details.get("bounds") or []
+    found = []
+    if bound.get("held"):
+        found.append(
+            f"{integer(bound['held'])} of {integer(bound['count'])} values of {bound['factor']} lie at the lower "
+            f"bound, {number(bound['value'])} of the largest value"
+        )
+    if listed:
+        found.append(f"at a bound: {', '.join(map(str, listed))}")
+    text = "; ".join(found)
+    return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
 def _parameter_of(key: str) -> tuple[str, int]:

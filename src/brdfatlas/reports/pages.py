@@ -1,6 +1,5 @@
-"""What all pages share: templates, pictures as pages refer to them, style, scripts, thumbnails, light for scripts."""
+"""What all pages share: templates, pictures as pages refer to them, style, scripts, thumbnails."""
 
-import base64
 import json
 import os
 import re
@@ -120,28 +119,6 @@ def write_thumbnail(
                     small.save(temporary, "WEBP", quality=82, method=6)
                 return target
     return None
-
-
-def write_hdr_scripts(
-    pictures: str | Path, material: str, scenes: Sequence[SceneFacts], models: Sequence[str]
-) -> list[Path]:
-    """Wrap every hdr.webp as hdr.js beside it for the compare page.
-
-    A page from file:// may not read the pixels of a picture file, but it may run a script that carries them.
-    """
-    written = []
-    for scene in scenes:
-        for model in (REFERENCE, *models):
-            source = picture_file(pictures, scene.name, model, "hdr")
-            target = source.with_suffix(".js")
-            if source.is_file():
-                name = json.dumps(f"{material}/{scene.name}/{model}")
-                content = base64.b64encode(source.read_bytes()).decode("ascii")
-                write_text(target, f'window.ATLAS_HDR({name},"{content}");\n')
-                written.append(target)
-            else:
-                target.unlink(missing_ok=True)
-    return written
 
 
 def write_compare(output: str | Path, **links: bool) -> None:

@@ -1,5 +1,6 @@
 """The interactive viewer's data: factors of the run's fits in one texture, environments as small lat-long maps, the
-statue as a field of distances.
+statue as a field of distances. The reference and the fits that are no sums of products have tables instead
+(figures.tables), which the page loads when they are chosen.
 
 Bagher et al. 2016 put the factors of all materials into one "uber-texture" and render straight from it (their Fig. 16
 and appendix); so does this page. A fit is as many rows of ``WIDTH`` texels (rgb, float32) as it has products:
@@ -21,23 +22,23 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_H
-from brdfatlas.constants import LUMINANCE
+from brdfatlas.constants import LUMINANCE, REFERENCE
 from brdfatlas.export.uber_texture import D_AT, F_AT, G_AT, RHO_D_AT, RHO_S_AT, WIDTH
+from brdfatlas.figures.tables import has_few_products
 from brdfatlas.files import read_json, read_npz, write_text
 from brdfatlas.fits import load_fit
+from brdfatlas.models import MODELS
 from brdfatlas.models.base import Factors
 from brdfatlas.reports.data import SceneFacts
 from brdfatlas.reports.pages import as_script, render_page
 
 H_AT = RHO_S_AT + 1
-#: A texture of all fits stays small: a table as a sum of its rows has no place in it.
-MOST_PRODUCTS = 16
 
 
 def factor_rows(factors: Factors | None) -> np.ndarray | None:
     """One fit as rows of the texture, (products, WIDTH, 4) float32; None for a fit that is no sum of products, or of
     too many."""
-    if factors is None or factors.d.shape[1] > MOST_PRODUCTS:
+    if factors is None or not has_few_products(factors):
         return None
     d, f = factors.d, factors.f
     rho_s = np.ones(3) if factors.rho_s is None else factors.rho_s
@@ -81,7 +82,7 @@ def statue_grid(resolution: int = 64) -> dict[str, Any]:
     }
 
 
-def shrink_environment(image: np.ndarray, height: int = 64) -> np.ndarray:
+def shrink_environment(image: np.ndarray, height: int = 128) -> np.ndarray:
     """A lat-long image (h, w, 3) of the scenes' convention (rows at pi j / (h - 1), columns at cell centres) as a map
     of constant cells, (height, 2 height, 3) float32: means over each cell of the bilinear image, by solid angle."""
     rows, columns = image.shape[:2]
@@ -108,61 +109,73 @@ def encode(array: np.ndarray, dtype: str = "<f4") -> str:
 
 
 def viewer_script(
-    rows: Sequence[Mapping[str, Any]], texture: np.ndarray, environments: Mapping[str, np.ndarray]
+    materials: Sequence[Mapping[str, Any]],
+    models: Mapping[str, str],
+    fits: Mapping[str, Any],
+    texture: np.ndarray,
+    environments: Mapping[str, np.ndarray],
 ) -> str:
-    """``window.ATLAS_VIEWER_DATA``: the texture (rows, WIDTH, 4), the fits with their first row and number of products,
-    the environments and the statue."""
+    """``window.ATLAS_VIEWER_DATA``: materials, models (name -> title), what there is of a fit ("material/model" -> its
+    first row and number of products, or why it is not shown; one with a table is not listed), the texture (rows,
+    WIDTH, 4), the environments and the statue."""
     lights = [
         {"name": name, "height": len(image), "data": encode(np.minimum(image, 65504), "<f2")}
         for name, image in environments.items()
     ]
-    content = {"width": WIDTH, "rows": list(rows), "height": len(texture), "texture": encode(texture)}
-    content |= {"environments": lights, "statue": statue_grid() if rows else None}
-    return as_script("ATLAS_VIEWER_DATA", content)
+    shown = [{"name": name, "title": title} for name, title in models.items()]
+    content = {"materials": list(materials), "models": shown, "fits": dict(fits)}
+    content |= {"width": WIDTH, "height": len(texture), "texture": encode(texture)}
+    return as_script("ATLAS_VIEWER_DATA", content | {"environments": lights, "statue": statue_grid()})
 
 
 def write_viewer(
     output: str | Path,
     *,
     data: str | Path,
-    fits: Sequence[tuple[str, str | Path]],
+    fits: Sequence[tuple[str, str, str | Path]],
     materials: Mapping[str, str | Path],
     scenes: Sequence[tuple[SceneFacts, str | Path]],
     textures: Sequence[str] = (),
     **links: bool,
-) -> int:
-    """Write the viewer page and its data; returns how many fits it shows.
+) -> dict[str, int]:
+    """Write the viewer page and its data; returns how many fits it shows by factors and by tables, and how many not.
 
-    ``fits``: (model, path of the .npz, its report .json beside it); ``materials``: name -> description;
+    ``fits``: (material, model, path of the .npz, its report .json beside it); ``materials``: name -> description;
     ``scenes``: with the prepared scene's .npz that holds the environment; ``textures``: names of EXRs in ``data`` to
-    link to. Fits that failed or do not factor are left out; a page without any says so.
+    link to. Of a fit that failed the page says why.
     """
     described = {name: read_json(path) for name, path in materials.items()}
-    rows, texels = [], []
-    for model, path in fits:
-        if read_json(Path(path).with_suffix(".json"))["status"] != "ok":
+    titles, found, texels = {REFERENCE: "reference"}, {}, []
+    counts = {"factors": 0, "tables": 0, "failed": 0}
+    for material, model, path in fits:
+        titles.setdefault(model, MODELS[model].title)
+        report = read_json(Path(path).with_suffix(".json"))
+        if report["status"] != "ok":
+            found[f"{material}/{model}"] = " ".join(str(report.get("reason") or "the fit failed").split())
+            counts["failed"] += 1
             continue
-        fit = load_fit(path)
-        found = factor_rows(fit.factors())
-        if found is None:
-            continue
-        facts = described[fit.material]
-        label = {"material": fit.material, "title": str(facts.get("title") or fit.material), "model": model}
-        label |= {"model_title": fit.instance.title_of(fit.options), "standin": bool(facts.get("standin"))}
-        rows.append(label | {"first": sum(map(len, texels)), "products": len(found)})
-        texels.append(found)
+        rows = factor_rows(load_fit(path).factors())
+        counts["factors" if rows is not None else "tables"] += 1
+        if rows is not None:
+            found[f"{material}/{model}"] = [sum(map(len, texels)), len(rows)]
+            texels.append(rows)
     texture = np.concatenate(texels) if texels else np.zeros((1, WIDTH, 4), np.float32)
     environments = {scene.name: shrink_environment(read_npz(path)["environment"]) for scene, path in scenes}
-    write_text(Path(data) / "viewer.js", viewer_script(rows, texture, environments))
+    told = [
+        {"name": name, "title": str(facts.get("title") or name), "standin": bool(facts.get("standin"))}
+        for name, facts in described.items()
+    ]
+    write_text(Path(data) / "viewer.js", viewer_script(told, titles, found, texture, environments))
     tones = {scene.name: {"exposure": scene.exposure, "gamma": scene.gamma} for scene, _ in scenes}
     render_page(
         "viewer.html.j2",
         output,
         root="",
         here="viewer",
-        rows=rows,
+        materials=told,
+        counts=counts,
         tones=tones,
         textures=textures,
         **(links | {"viewer": True}),
     )
-    return len(rows)
+    return counts

@@ -59,7 +59,7 @@
     if (!entry) return;
     decode(data).then((picture) => { entry.picture = picture; entry.done(); }, () => { entry.error = "cannot be decoded"; entry.done(); });
   };
-  // Upper half mantissas, lower half exponents (brdfatlas.pictures): radiance = m 2^(e - 136).
+  // Upper half mantissas, lower half exponents (brdfatlas.figures.pictures): radiance = m 2^(e - 136).
   async function decode(base64) {
     const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
     const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/webp" }), { colorSpaceConversion: "none", premultiplyAlpha: "none" });

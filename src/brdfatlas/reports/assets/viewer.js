@@ -1,4 +1,5 @@
-// The viewer: factor fits on a sphere or the statue under an environment, by Monte Carlo in a fragment shader (WebGL 2).
+// The viewer: the reference and the fits on a sphere or the statue under an environment, by Monte Carlo in a fragment
+// shader (WebGL 2). A sum of products comes from its factors, everything else from a table that is loaded when chosen.
 // The sphere is met in closed form, the statue by steps along its field of distances, which also finds its shadows.
 // Each sample draws its light direction from one of three densities (environment, microfacet normals by D, cosine) and
 // divides by their mixture, the balance heuristic with one sample.
@@ -7,13 +8,13 @@
   const D = window.ATLAS_VIEWER_DATA, $ = (id) => document.getElementById(id);
   const say = (text) => { $("message").textContent = text; };
   if (!D) { say("data/viewer.js is missing."); return; }
-  if (!D.rows.length) return;
   const canvas = $("canvas"), gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
   if (!gl || !gl.getExtension("EXT_color_buffer_float")) { say("This browser has no WebGL 2 with float textures."); return; }
 
   const RENDER = `#version 300 es
 precision highp float; precision highp int; precision highp sampler2D; precision highp sampler3D;
-uniform sampler2D factors, lights, alias, history;
+uniform sampler2D factors, lights, alias, history, masses;
+uniform sampler3D table_a, table_b; uniform ivec2 kinds; uniform vec2 spans; // kinds: 0 factors, 1 table, 2 nothing
 uniform sampler3D field; uniform vec3 corner; uniform float cell_size; uniform bool statue;
 uniform ivec2 fit, products; uniform ivec2 grid; uniform int first, count; uniform float split; uniform vec2 size;
 uniform mat3 view; uniform float turn;
@@ -41,18 +42,27 @@ vec3 shadowing(float c, int y) {
   float below = mix(cos(float(low) * step_), low == 88 ? 0.0 : cos(float(low + 1) * step_), s);
   return mix(row(180 + low, y), row(181 + low, y), s) / max(below, 1e-9);
 }
-vec3 brdf(vec3 wi, vec3 wo, int y, int count_) {
+vec3 brdf(vec3 wi, vec3 wo, bool left) {
+  int kind = left ? kinds.x : kinds.y;
+  if (kind == 2) return vec3(0.0);
   vec3 h = normalize(wi + wo);
-  float theta_h = atan(length(h.xy), h.z), theta_d = 0.5 * angle(wi, wo);
+  float r = length(h.xy), theta_h = atan(r, h.z), theta_d = 0.5 * angle(wi, wo);
+  vec2 p = r > 1e-6 ? h.xy / r : vec2(1.0, 0.0);
+  float phi_d = atan(wi.y * p.x - wi.x * p.y, h.z * dot(wi.xy, p) - r * wi.z);
+  if (kind == 1) {
+    // Mirror images are equal, and so are both orders of the directions where the table covers a quarter of the circle.
+    float phi = abs(phi_d), span = left ? spans.x : spans.y;
+    if (span < 2.0) phi = min(phi, PI - phi);
+    vec3 place = vec3(sqrt(theta_h / (0.5 * PI)), theta_d / (0.5 * PI), phi / span);
+    return left ? textureLod(table_a, place, 0.0).rgb : textureLod(table_b, place, 0.0).rgb;
+  }
+  int y = left ? fit.x : fit.y, count_ = left ? products.x : products.y;
   vec3 m = vec3(0.0);
   for (int k = y; k < y + count_; k++) m += line(0, sqrt(theta_h / (0.5 * PI)) * 90.0 - 0.5, 90, k) * line(90, theta_d / (0.5 * PI) * 90.0 - 0.5, 90, k);
   vec3 g0 = row(180, y);
   if (g0.r + g0.g + g0.b > 0.0) m *= shadowing(wi.z, y) * shadowing(wo.z, y);
   else {
-    float r = length(h.xy);
-    vec2 p = r > 1e-6 ? h.xy / r : vec2(1.0, 0.0);
-    float along = h.z * dot(wi.xy, p) - r * wi.z, across = wi.y * p.x - wi.x * p.y;
-    float x = mod(mod(atan(across, along), PI) / PI * 180.0 - 0.5, 180.0);
+    float x = mod(mod(phi_d, PI) / PI * 180.0 - 0.5, 180.0);
     int low = min(int(x), 179);
     m *= mix(row(272 + low, y), row(272 + (low + 1) % 180, y), x - float(low));
   }
@@ -60,17 +70,17 @@ vec3 brdf(vec3 wi, vec3 wo, int y, int count_) {
 }
 float edge(int k) { float x = float(k) / 90.0; return x * x * 0.5 * PI; }
 float square(float x) { return x * x; }
-float mass(int k, int y) { return texelFetch(factors, ivec2(k, y), 0).a - (k > 0 ? texelFetch(factors, ivec2(k - 1, y), 0).a : 0.0); }
+float mass(int k, int side) { return texelFetch(masses, ivec2(k, side), 0).r - (k > 0 ? texelFetch(masses, ivec2(k - 1, side), 0).r : 0.0); }
 // Density of microfacet normals per solid angle, constant in sin^2 within a cell.
-float normal_pdf(vec3 h, int y) {
+float normal_pdf(vec3 h, int side) {
   float theta = atan(length(h.xy), h.z);
   int k = clamp(int(sqrt(theta / (0.5 * PI)) * 90.0), 0, 89);
-  return mass(k, y) * h.z / (PI * (square(sin(edge(k + 1))) - square(sin(edge(k)))));
+  return mass(k, side) * h.z / (PI * (square(sin(edge(k + 1))) - square(sin(edge(k)))));
 }
-vec3 draw_normal(int y) {
+vec3 draw_normal(int side) {
   float u = random(), v = random();
   int low = 0, high = 89;
-  for (int i = 0; i < 7; i++) { int mid = (low + high) / 2; if (texelFetch(factors, ivec2(mid, y), 0).a < u) low = min(mid + 1, high); else high = mid; }
+  for (int i = 0; i < 7; i++) { int mid = (low + high) / 2; if (texelFetch(masses, ivec2(mid, side), 0).r < u) low = min(mid + 1, high); else high = mid; }
   float a = square(sin(edge(low))), b = square(sin(edge(low + 1))), s2 = mix(a, b, random());
   return vec3(sqrt(s2) * vec2(cos(2.0 * PI * v), sin(2.0 * PI * v)), sqrt(max(0.0, 1.0 - s2)));
 }
@@ -112,7 +122,7 @@ void main() {
   vec4 before = first > 0 ? texelFetch(history, at, 0) : vec4(0.0);
   vec3 total = vec3(0.0);
   bool left = gl_FragCoord.x < split * size.x;
-  int y = left ? fit.x : fit.y, terms = left ? products.x : products.y;
+  int side = left ? 0 : 1;
   state = mixed(uint(at.x) + mixed(uint(at.y) + mixed(uint(first) + 1u)));
   for (int i = 0; i < count; i++) {
     vec2 p = ((vec2(at) + vec2(random(), random())) / size * 2.0 - 1.0) * tan(radians(21.0) / 2.0);
@@ -127,14 +137,14 @@ void main() {
     float pick = random();
     vec3 wi;
     if (pick < 0.5) wi = draw_light() * frame;
-    else if (pick < 0.85) { vec3 h = draw_normal(y); wi = 2.0 * dot(wo, h) * h - wo; }
+    else if (pick < 0.85) { vec3 h = draw_normal(side); wi = 2.0 * dot(wo, h) * h - wo; }
     else { float r = sqrt(random()), a = 2.0 * PI * random(); wi = vec3(r * cos(a), r * sin(a), sqrt(max(0.0, 1.0 - r * r))); }
     if (wi.z <= 0.0) continue;
     vec3 world = frame * wi, h = normalize(wi + wo);
     if (statue && meet(place + 6e-3 * n, world, 0.0) >= 0.0) continue;
     ivec2 c = cell(world);
-    float pdf = 0.5 * texelFetch(alias, c, 0).z + 0.35 * normal_pdf(h, y) / max(4.0 * dot(wo, h), 1e-6) + 0.15 * wi.z / PI;
-    if (pdf > 0.0) total += brdf(wi, wo, y, terms) * texelFetch(lights, c, 0).rgb * (wi.z / pdf);
+    float pdf = 0.5 * texelFetch(alias, c, 0).z + 0.35 * normal_pdf(h, side) / max(4.0 * dot(wo, h), 1e-6) + 0.15 * wi.z / PI;
+    if (pdf > 0.0) total += brdf(wi, wo, left) * texelFetch(lights, c, 0).rgb * (wi.z / pdf);
   }
   sum = before + vec4(total, float(count));
 }`;
@@ -193,7 +203,7 @@ void main() {
     }
     return { name: e.name, width: w, height: h, lights: texture(w, h, rgba), alias: texture(w, h, table) };
   });
-  const factors = texture(D.width, D.height, new Float32Array(bytes(D.texture)));
+  const texels = new Float32Array(bytes(D.texture)), factors = texture(D.width, D.height, texels);
   const field = gl.createTexture();
   gl.bindTexture(gl.TEXTURE_3D, field);
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 2);
@@ -203,9 +213,117 @@ void main() {
   const render = program(RENDER), show = program(SHOW);
   gl.bindVertexArray(gl.createVertexArray());
 
-  // --- state -------------------------------------------------------------------------------------------------------------
-  const TONES = JSON.parse($("tones").textContent);
-  const state = { a: 0, b: 0, environment: 0, split: 0.5, shape: "sphere", exposure: 0, azimuth: 0, elevation: 0, turn: 0 };
+  // --- tables ------------------------------------------------------------------------------------------------------------
+  // brdfatlas.figures.tables: zlib of differences of logarithms, theta_h fastest; loaded once and kept.
+  const STEPS = 128, FLOOR = 1e-5, tables = new Map();
+  async function decode(cells, text) {
+    const stream = new Blob([bytes(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
+    const steps = new Int16Array(await new Response(stream).arrayBuffer()), n = steps.length / 3, width = cells[0];
+    for (let i = 0; i < steps.length; i++) if (i % width) steps[i] += steps[i - 1];
+    const rgba = new Float32Array(4 * n);
+    const value = (q) => (q <= 0 ? 0 : Math.min(FLOOR * 2 ** (q / STEPS), 65504));
+    for (let i = 0; i < n; i++) {
+      rgba[4 * i] = value(steps[i]);
+      for (const c of [1, 2]) rgba[4 * i + c] = value(steps[i] + steps[i + c * n]);
+    }
+    return { cells, rgba, span: cells[2] > 20 ? Math.PI : Math.PI / 2, masses: massesOf(cells, rgba) };
+  }
+  // Cumulated mass of D cos(theta_h) over the cells of theta_h, D the mean luminance at theta_d below 60 degrees, and a
+  // little everywhere so that no direction is out of reach.
+  function massesOf([width, height, depth], rgba) {
+    const edge = (k) => Math.sin((k / width) ** 2 * Math.PI / 2) ** 2, sums = new Float64Array(width);
+    for (let k = 0; k < depth; k++) for (let j = 0; j < height * 2 / 3; j++) for (let i = 0; i < width; i++) {
+      const o = 4 * (i + width * (j + height * k));
+      sums[i] += (0.2126 * rgba[o] + 0.7152 * rgba[o + 1] + 0.0722 * rgba[o + 2]) * (edge(i + 1) - edge(i));
+    }
+    const total = sums.reduce((a, b) => a + b, 0), out = new Float32Array(width);
+    let sum = 0;
+    for (let i = 0; i < width; i++) { sum += (total > 0 ? 0.98 * sums[i] / total : 0) + (total > 0 ? 0.02 : 1) * (edge(i + 1) - edge(i)); out[i] = sum; }
+    return out.map((v) => v / sum);
+  }
+  window.ATLAS_TABLE = (id, cells, text) => tables.get(id)?.arrived(decode(cells, text));
+  function loadTable(id) {
+    if (!tables.has(id)) {
+      const entry = {};
+      entry.data = new Promise((resolve, reject) => {
+        entry.arrived = resolve;
+        const [material, model] = id.split("/"), script = document.createElement("script");
+        script.src = `materials/${encodeURIComponent(material)}/tables/${encodeURIComponent(model)}.js`;
+        script.onerror = () => reject(new Error("this run made no table of it"));
+        document.head.append(script);
+      });
+      tables.set(id, entry);
+    }
+    return tables.get(id).data;
+  }
+  function volume() {
+    const made = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_3D, made);
+    gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA16F, 1, 1, 1, 0, gl.RGBA, gl.FLOAT, new Float32Array(4));
+    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_3D, key, gl.LINEAR);
+    for (const key of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R]) gl.texParameteri(gl.TEXTURE_3D, key, gl.CLAMP_TO_EDGE);
+    return made;
+  }
+  const masses = texture(90, 2, null), NOTHING = 2;
+  const sides = ["a", "b"].map(() => ({ kind: NOTHING, first: 0, products: 0, span: 1, volume: volume(), wanted: "", fault: "" }));
+
+  // --- state, in the address ---------------------------------------------------------------------------------------------
+  const TONES = JSON.parse($("tones").textContent), P = window.AtlasPage;
+  // Material and model of the left and of the right, environment, shape, divider, exposure, view, light.
+  const fresh = () => ({ m: D.materials[0].name, a: "reference", n: "", b: (D.models[1] || D.models[0]).name, s: environments[0].name, f: "sphere", w: 0.5, e: 0, x: 0, y: 0, t: 0 });
+  let state = fresh();
+  const LIMITS = { w: [0, 1], e: [-6, 6], y: [-1.5, 1.5], x: [-100, 100], t: [-100, 100] };
+  function read() {
+    const next = fresh(), among = { m: D.materials, n: D.materials, a: D.models, b: D.models, s: environments, f: [{ name: "sphere" }, { name: "statue" }] };
+    for (const [key, list] of Object.entries(among)) if (list.some((item) => item.name === P.get(key))) next[key] = P.get(key);
+    for (const [key, [low, high]] of Object.entries(LIMITS)) { const v = Number(P.get(key, "x")); if (Number.isFinite(v)) next[key] = Math.min(Math.max(v, low), high); }
+    state = next;
+    sync();
+  }
+  let writing = 0;
+  function write() {
+    clearTimeout(writing); // browsers refuse an address that changes a hundred times a second
+    writing = setTimeout(keep, 150);
+  }
+  function keep() {
+    const first = fresh();
+    P.set(Object.fromEntries(Object.entries(state).map(([key, value]) => {
+      const text = typeof value === "number" ? String(+value.toFixed(4)) : value;
+      return [key, text === String(first[key]) && !["m", "a", "b"].includes(key) ? "" : text];
+    })));
+  }
+  const of = (side) => [side && state.n ? state.n : state.m, side ? state.b : state.a];
+  // What a side shows: factors and failures are known, a table may have to come first.
+  async function choose(side) {
+    const place = sides[side], [material, model] = of(side), id = `${material}/${model}`, found = D.fits[id];
+    if (place.wanted === id) return;
+    Object.assign(place, { wanted: id, kind: NOTHING, fault: "" });
+    if (typeof found === "string") place.fault = found;
+    else if (found) {
+      Object.assign(place, { kind: 0, first: found[0], products: found[1] });
+      upload(side, Float32Array.from({ length: 90 }, (_, k) => texels[4 * (found[0] * D.width + k) + 3]));
+    } else {
+      const data = await loadTable(id).catch((error) => { if (place.wanted === id) place.fault = error.message; });
+      if (!data || place.wanted !== id) { told(); return; }
+      gl.bindTexture(gl.TEXTURE_3D, place.volume);
+      gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA16F, ...data.cells, 0, gl.RGBA, gl.FLOAT, data.rgba);
+      Object.assign(place, { kind: 1, span: data.span });
+      upload(side, data.masses);
+    }
+    told();
+    restart();
+  }
+  function upload(side, values) {
+    const rgba = new Float32Array(4 * 90);
+    values.forEach((v, k) => { rgba[4 * k] = v; });
+    gl.bindTexture(gl.TEXTURE_2D, masses);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, side, 90, 1, gl.RGBA, gl.FLOAT, rgba);
+  }
+  const titleOf = (list, name) => list.find((item) => item.name === name).title;
+  const shownAs = (side) => { const [material, model] = of(side); return `${titleOf(D.materials, material)}, ${titleOf(D.models, model)}`; };
+  function told() {
+    say(sides.map((place, side) => (place.fault ? `${shownAs(side)} cannot be shown: ${place.fault}.` : "")).filter(Boolean).join(" "));
+  }
   let targets = [], samples = 0, budget = 4096, paused = false;
   function resize(width, height) {
     canvas.width = width; canvas.height = height;
@@ -221,43 +339,48 @@ void main() {
   function restart() { samples = 0; }
   function bind(unit, made, where) { gl.activeTexture(gl.TEXTURE0 + unit); gl.bindTexture(gl.TEXTURE_2D, made); gl.uniform1i(where, unit); }
   function matrix() {
-    const [ca, sa, ce, se] = [Math.cos(state.azimuth), Math.sin(state.azimuth), Math.cos(state.elevation), Math.sin(state.elevation)];
+    const [ca, sa, ce, se] = [Math.cos(state.x), Math.sin(state.x), Math.cos(state.y), Math.sin(state.y)];
     return [ca, 0, -sa, sa * se, ce, ca * se, sa * ce, -se, ca * ce]; // columns: right, up, backwards
   }
   function accumulate(count) {
-    const e = environments[state.environment], [from, to] = targets;
+    const e = environments.find((item) => item.name === state.s), [from, to] = targets;
     render.use();
     gl.bindFramebuffer(gl.FRAMEBUFFER, to.buffer);
     gl.viewport(0, 0, canvas.width, canvas.height);
     bind(0, factors, render.at("factors")); bind(1, e.lights, render.at("lights")); bind(2, e.alias, render.at("alias")); bind(3, from.texture, render.at("history"));
-    gl.activeTexture(gl.TEXTURE4);
-    gl.bindTexture(gl.TEXTURE_3D, field);
-    gl.uniform1i(render.at("field"), 4);
+    bind(7, masses, render.at("masses"));
+    [[field, "field"], [sides[0].volume, "table_a"], [sides[1].volume, "table_b"]].forEach(([made, name], i) => {
+      gl.activeTexture(gl.TEXTURE4 + i);
+      gl.bindTexture(gl.TEXTURE_3D, made);
+      gl.uniform1i(render.at(name), 4 + i);
+    });
+    gl.uniform2i(render.at("kinds"), sides[0].kind, sides[1].kind);
+    gl.uniform2f(render.at("spans"), sides[0].span, sides[1].span);
     gl.uniform3fv(render.at("corner"), D.statue.low);
     gl.uniform1f(render.at("cell_size"), D.statue.step);
-    gl.uniform1i(render.at("statue"), Number(state.shape === "statue"));
-    gl.uniform2i(render.at("fit"), D.rows[state.a].first, D.rows[state.b].first);
-    gl.uniform2i(render.at("products"), D.rows[state.a].products, D.rows[state.b].products);
+    gl.uniform1i(render.at("statue"), Number(state.f === "statue"));
+    gl.uniform2i(render.at("fit"), sides[0].first, sides[1].first);
+    gl.uniform2i(render.at("products"), sides[0].products, sides[1].products);
     gl.uniform2i(render.at("grid"), e.width, e.height);
     gl.uniform1i(render.at("first"), samples);
     gl.uniform1i(render.at("count"), count);
-    gl.uniform1f(render.at("split"), state.split);
+    gl.uniform1f(render.at("split"), state.w);
     gl.uniform2f(render.at("size"), canvas.width, canvas.height);
     gl.uniformMatrix3fv(render.at("view"), false, matrix());
-    gl.uniform1f(render.at("turn"), state.turn);
+    gl.uniform1f(render.at("turn"), state.t);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     targets.reverse();
     samples += count;
   }
   function develop() {
-    const tone = TONES[environments[state.environment].name] || { exposure: 1, gamma: 2.2 };
+    const tone = TONES[state.s] || { exposure: 1, gamma: 2.2 };
     show.use();
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, canvas.width, canvas.height);
     bind(0, targets[0].texture, show.at("history"));
-    gl.uniform1f(show.at("exposure"), tone.exposure * 2 ** state.exposure);
+    gl.uniform1f(show.at("exposure"), tone.exposure * 2 ** state.e);
     gl.uniform1f(show.at("gamma"), tone.gamma);
-    gl.uniform1f(show.at("split"), state.split);
+    gl.uniform1f(show.at("split"), state.w);
     gl.uniform2f(show.at("size"), canvas.width, canvas.height);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
@@ -272,50 +395,63 @@ void main() {
 
   // --- controls ------------------------------------------------------------------------------------------------------------
   const option = (value, text) => { const o = document.createElement("option"); o.value = value; o.textContent = text; return o; };
-  const materials = [...new Map(D.rows.map((r) => [r.material, r])).values()];
-  const models = [...new Map(D.rows.map((r) => [r.model, r])).values()];
-  for (const side of ["a", "b"]) {
-    materials.forEach((r) => $(`material-${side}`).append(option(r.material, r.standin ? `${r.title} (stand-in)` : r.title)));
-    models.forEach((r) => $(`model-${side}`).append(option(r.model, r.model_title)));
-    const choose = () => {
-      const material = $(`material-${side}`).value, model = $(`model-${side}`).value;
-      const found = D.rows.findIndex((r) => r.material === material && r.model === model);
-      say(found < 0 ? `No fit of ${model} to ${material} in this run: the picture is unchanged.` : "");
-      if (found >= 0) state[side] = found;
-      canvas.setAttribute("aria-label", `Picture: ${["a", "b"].map((s) => `${D.rows[state[s]].title}, ${D.rows[state[s]].model_title}`).join(" beside ")}; arrow keys turn the view, with Shift the light`);
-      restart();
-    };
-    $(`material-${side}`).addEventListener("change", choose);
-    $(`model-${side}`).addEventListener("change", choose);
-    if (side === "b") $("model-b").selectedIndex = models.length - 1;
-    choose();
-  }
-  environments.forEach((e, i) => $("environment").append(option(i, e.name.replaceAll("_", " "))));
-  $("environment").addEventListener("change", (e) => { state.environment = Number(e.target.value); restart(); });
-  $("shape").addEventListener("change", (e) => { state.shape = e.target.value; restart(); });
-  $("split").addEventListener("input", (e) => { state.split = Number(e.target.value); restart(); });
-  $("exposure").addEventListener("input", (e) => { state.exposure = Number(e.target.value); develop(); });
-  $("controls").addEventListener("submit", (e) => e.preventDefault());
-  function turnBy(dx, dy, light) {
-    if (light) state.turn += dx;
-    else { state.azimuth -= dx; state.elevation = Math.min(Math.max(state.elevation + dy, -1.5), 1.5); }
+  for (const id of ["material-a", "material-b"]) D.materials.forEach((m) => $(id).append(option(m.name, m.standin ? `${m.title} (stand-in)` : m.title)));
+  for (const id of ["model-a", "model-b"]) D.models.forEach((m) => $(id).append(option(m.name, m.title)));
+  environments.forEach((e) => $("environment").append(option(e.name, e.name.replaceAll("_", " "))));
+  const FIELDS = { "material-a": "m", "model-a": "a", "material-b": "n", "model-b": "b", environment: "s", shape: "f", split: "w", exposure: "e" };
+  function sync() {
+    for (const [id, key] of Object.entries(FIELDS)) $(id).value = key === "n" ? state.n || state.m : state[key];
+    $("stops").textContent = `${state.e > 0 ? "+" : ""}${+state.e.toFixed(2)} stops`.replace("-", "−");
+    ["left", "right"].forEach((id, side) => { $(id).textContent = shownAs(side); $(id).hidden = side ? state.w >= 1 : state.w <= 0; });
+    canvas.setAttribute("aria-label", `Picture: ${shownAs(0)} beside ${shownAs(1)}; arrow keys turn the view, with Shift the light`);
+    for (const [id, path] of [["material-page", `materials/${encodeURIComponent(state.m)}.html`], ["compare-page", `compare.html#${new URLSearchParams({ m: state.m, a: state.a, b: state.b })}`]]) $(id).href = path;
+    choose(0); choose(1);
+    told();
     restart();
   }
-  let last = null;
-  canvas.addEventListener("pointerdown", (e) => { last = e; canvas.setPointerCapture(e.pointerId); });
-  canvas.addEventListener("pointermove", (e) => { if (last) { turnBy((e.clientX - last.clientX) / 150, (e.clientY - last.clientY) / 150, e.shiftKey || e.buttons === 2); last = e; } });
-  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { last = null; });
+  function change(parts) {
+    // A material chosen on the left is that of both, unless the right has another one.
+    if (parts.n === state.m) parts.n = "";
+    Object.assign(state, parts);
+    if (state.n === state.m) state.n = "";
+    sync();
+    write();
+  }
+  for (const [id, key] of Object.entries(FIELDS)) $(id).addEventListener($(id).type === "range" ? "input" : "change", (e) => change({ [key]: key === "w" || key === "e" ? Number(e.target.value) : e.target.value }));
+  $("controls").addEventListener("submit", (e) => e.preventDefault());
+  function turnBy(dx, dy, light) {
+    change(light ? { t: state.t + dx } : { x: state.x - dx, y: Math.min(Math.max(state.y + dy, -1.5), 1.5) });
+  }
+  // A drag that starts at the divider moves it, any other turns the view.
+  const across = (e) => { const box = canvas.getBoundingClientRect(); return (e.clientX - box.left) / box.width; };
+  const atDivider = (e) => Math.abs(across(e) - state.w) < 14 / canvas.getBoundingClientRect().width;
+  let last = null, dividing = false;
+  canvas.addEventListener("pointerdown", (e) => { last = e; dividing = atDivider(e); canvas.setPointerCapture(e.pointerId); });
+  canvas.addEventListener("pointermove", (e) => {
+    canvas.style.cursor = dividing || (!last && atDivider(e)) ? "ew-resize" : "";
+    if (!last) return;
+    if (dividing) change({ w: Math.min(Math.max(across(e), 0), 1) });
+    else turnBy((e.clientX - last.clientX) / 150, (e.clientY - last.clientY) / 150, e.shiftKey || e.buttons === 2);
+    last = e;
+  });
+  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { last = null; dividing = false; });
   canvas.addEventListener("contextmenu", (e) => e.preventDefault());
   canvas.addEventListener("keydown", (e) => {
     const by = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[e.key];
     if (by) { e.preventDefault(); turnBy(...by, e.shiftKey); }
-    if (e.key === "r") { Object.assign(state, { azimuth: 0, elevation: 0, turn: 0 }); restart(); }
+    if (e.key === "," || e.key === ".") change({ w: Math.min(Math.max(state.w + (e.key === "," ? -0.05 : 0.05), 0), 1) });
+    if (e.key === "r") change({ x: 0, y: 0, t: 0, w: 0.5, e: 0 });
   });
+  P.follow(read);
+  window.addEventListener("pagehide", () => { clearTimeout(writing); keep(); });
   resize(512, 512);
+  read();
   requestAnimationFrame(frame);
   // For tests and for whoever wants the numbers: linear radiance, rows from the bottom, after a number of samples.
   window.ATLAS_VIEWER = {
-    state, restart, resize, environments: environments.map((e) => e.name),
+    change, resize,
+    get state() { return state; },
+    get loaded() { return sides.every((place) => place.kind !== NOTHING); },
     get samples() { return samples; },
     linear(wanted, step = 32) {
       paused = true;

@@ -1,0 +1,34 @@
+"""The rules animations and draw_animation: only when asked for, then linked from the page."""
+
+import json
+import shutil
+
+from PIL import Image
+
+
+def test_animations(finished_run, tmp_path):
+    project = type(finished_run)(tmp_path / "project")
+    shutil.copytree(finished_run.root, project.root)
+    project.configure(animation={"frames": 3, "size": 24, "samples": 8})
+    assert project.planned() == {}, "the report asks for none"
+    done = project.snakemake("animations")
+    assert project.jobs(done.stdout) == {"animations": 1, "draw_animation": 2}
+    page = project.root / "reports/materials/chrome.html"
+    assert "animation.webp" not in page.read_text(encoding="utf-8")
+    with Image.open(page.with_suffix("") / "animation.webp") as image:
+        assert image.n_frames == 3
+        assert image.size[0] == 3 * 24, "reference, recommended and another model"
+    note = json.loads((project.root / "results/animations/chrome.json").read_text())
+    assert note["scene"] == "studio_sphere"
+    assert sorted(note["models"]) == ["gaussian", "ggx"]
+    assert project.jobs(project.snakemake().stdout)["write_material_page"] == 2
+    assert "chrome/animation.webp" in page.read_text(encoding="utf-8")
+    (page.with_suffix("") / "animation.webp").unlink()
+    project.snakemake()
+    assert "animation.webp" not in page.read_text(encoding="utf-8"), "no link leads nowhere"
+
+
+def test_a_model_that_is_not_in_the_run_is_refused(finished_run):
+    done = finished_run.snakemake("--dry-run", "--config", "animation={model: sgd}", "animations", check=False)
+    assert done.returncode != 0
+    assert "config: animation.model: 'sgd' is not known; known: ggx, gaussian" in done.stdout

@@ -1,0 +1,52 @@
+# fits, errors --> an animation of a material, only when asked for: `snakemake animations`. The pages link those that are
+# there the next time the report is made.
+
+
+def animation_files(wildcards):
+    """The animation of a material and what is said of it, where `snakemake animations` has made them."""
+    files = made_by(rules.draw_animation, material=[wildcards.material])
+    return files if all(os.path.exists(file) for file in files) else []
+
+
+rule animations:
+    input:
+        lambda wildcards: made_by(rules.draw_animation, material=MATERIALS),
+    message:
+        "animations are made; `snakemake` links them from the pages"
+
+
+rule draw_animation:
+    input:
+        binary=binary_of,
+        facts="results/materials/{material}.json",
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
+        errors="results/errors/{material}/images.tsv",
+        brdf="results/errors/{material}/brdf.tsv",
+        scene=scene_files([config["animation"]["scene"]]),
+    output:
+        animation="reports/materials/{material}/animation.webp",
+        listing="results/animations/{material}.json",
+    log:
+        "results/logs/draw_animation/{material}.log",
+    benchmark:
+        "results/benchmarks/draw_animation/{material}.tsv"
+    priority: first_material_first
+    threads: 2
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        provenance=provenance("brdfatlas.reports.animation", libraries=(*RENDERING, "pillow")),
+        models=MODELS,
+        entries=ENTRIES,
+        fits="results/fits/{material}",
+        scene=[config["animation"]["scene"], ALL_SCENES[config["animation"]["scene"]]],
+        scenes_file=config["scenes_file"],
+        settings={key: config["animation"][key] for key in ("frames", "size", "samples", "model")}
+        | {key: config["render"][key] for key in ("seed", "variant")}
+        | {"batches": 4},
+    message:
+        "animating {wildcards.material}"
+    script:
+        "../scripts/draw_animation.py"
