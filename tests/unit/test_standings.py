@@ -18,7 +18,12 @@ from brdfatlas.models import MODELS as REGISTRY
 from brdfatlas.reports.standings_page import class_rows, duel_rows, scene_rows, write_standings
 
 CLASSES = pd.DataFrame(
-    {"material": ["chrome", "nylon"], "class": ["specular", "diffuse"], "standin": [False, False]},
+    {
+        "material": ["chrome", "nylon"],
+        "class": ["specular", "diffuse"],
+        "standin": [False, False],
+        "reconstructed": [False, False],
+    },
 )
 MODELS = ["tabulated", "ggx", "gaussian"]
 
@@ -100,10 +105,10 @@ def test_every_scene_has_its_own_order():
     assert scene_rows(tables.summarise(one, CLASSES, MODELS), MODELS)["names"] == []
 
 
-def test_the_banner_of_standins_needs_no_render(errors, tmp_path):
-    """Whatever fails, stand-ins are told: they are counted from the descriptions of the materials."""
+def test_what_is_no_measurement_is_told_without_any_render(errors, tmp_path):
+    """They are counted from the descriptions of the materials, whatever fails."""
     gone = errors.assign(status="failed", **dict.fromkeys(IMAGE_MEASURES, np.nan))
-    summary = tables.summarise(gone, CLASSES.assign(standin=[True, False]), MODELS)
+    summary = tables.summarise(gone, CLASSES.assign(standin=[True, False], reconstructed=[False, True]), MODELS)
     write_tsv(tmp_path / "t" / "summary.tsv", summary)
     write_tsv(tmp_path / "t" / "summary_brdf.tsv", summary)
     write_tsv(tmp_path / "t" / "wins.tsv", tables.count_wins(errors, CLASSES, MODELS))
@@ -111,6 +116,7 @@ def test_the_banner_of_standins_needs_no_render(errors, tmp_path):
     page = tmp_path / "standings.html"
     write_standings(page, tables=tmp_path / "t", data=tmp_path, figure=tmp_path / "none.svg", models=MODELS)
     assert "1 of 2 materials are stand-ins" in page.read_text()
+    assert "1 of 2 materials are reconstructions, not measurements." in page.read_text()
 
 
 def test_the_page_shows_the_tables_and_copies_them(errors, tmp_path):
@@ -165,8 +171,10 @@ def test_a_material_gets_lobes_and_the_functions_of_the_fits_that_it_has(materia
         "functions.svg",
         "functions/ggx.svg",
         "lobes.svg",
+        "tables/ggx.js",
+        "tables/reference.js",
     ]
-    assert files_in(material / "out") == {"functions/ggx.svg", "lobes.svg", "functions.svg", "curves.js"}
+    assert files_in(material / "out") == set(read_json(material / "list.json")["figures"])
     assert "GGX" in (material / "out" / "lobes.svg").read_text()
 
 
@@ -180,16 +188,17 @@ def test_a_factor_model_gets_curves_slices_weights_and_its_convergence(material)
     args = (material / "stuff.binary", ["ggx", "g_from_d"], material / "fits", material / "out")
     figures_job(*args, material / "list.json")
     expected = {"lobes.svg", "functions/ggx.svg", "functions/g_from_d.svg", "convergence/g_from_d.svg"}
-    expected |= {"slices.webp", "weights.svg", "functions.svg", "curves.js"}
+    expected |= {"slices.webp", "weights.svg", "functions.svg", "curves.js", "tables/reference.js", "tables/ggx.js"}
     assert set(read_json(material / "list.json")["figures"]) == expected
     assert files_in(material / "out") == expected
     figures_job(material / "stuff.binary", ["ggx"], *args[2:], material / "list.json")
-    assert files_in(material / "out") == {"lobes.svg", "functions/ggx.svg", "functions.svg", "curves.js"}
+    left = {"lobes.svg", "functions/ggx.svg", "functions.svg", "curves.js", "tables/reference.js", "tables/ggx.js"}
+    assert files_in(material / "out") == left
 
 
 def test_a_material_without_any_fit_still_shows_its_own_lobes(material):
     from brdfatlas.figures.jobs import figures_job
 
     figures_job(material / "stuff.binary", ["gaussian"], material / "fits", material / "out", material / "list.json")
-    assert list(read_json(material / "list.json")["figures"]) == ["curves.js", "lobes.svg"]
+    assert list(read_json(material / "list.json")["figures"]) == ["curves.js", "lobes.svg", "tables/reference.js"]
     assert (material / "out" / "lobes.svg").stat().st_size > 1000

@@ -14,6 +14,7 @@ CLASSES = pd.DataFrame(
         "material": ["chrome", "nylon", "my-own"],
         "class": ["specular", "diffuse", "diffuse"],
         "standin": [True, True, False],
+        "reconstructed": [False, False, True],
     }
 )
 MODELS = ["ward", "tucker", "absent"]
@@ -147,7 +148,8 @@ def test_all_tables_are_written_and_read_back(errors, tmp_path):
     )
     descriptions = []
     for item in CLASSES.to_dict("records"):
-        write_json(tmp_path / f"{item['material']}.json", {"name": item["material"]} | item)
+        kind = "reconstructed" if item["reconstructed"] else "measured"
+        write_json(tmp_path / f"{item['material']}.json", {"name": item["material"], "kind": kind} | item)
         descriptions.append(tmp_path / f"{item['material']}.json")
     write_tsv(tmp_path / "e.tsv", errors)
     write_tsv(tmp_path / "b.tsv", brdf)

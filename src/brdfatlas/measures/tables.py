@@ -13,6 +13,7 @@ import pandas as pd
 
 from brdfatlas.constants import REFERENCE_AGAIN
 from brdfatlas.files import read_json
+from brdfatlas.measured import RECONSTRUCTED
 from brdfatlas.measures.errors import BRDF_MEASURES, IMAGE_MEASURES, PAIR_ERRORS
 from brdfatlas.measures.ranking import (
     LEADING,
@@ -30,16 +31,18 @@ from brdfatlas.models.published import published_means, published_names, publish
 CLASSES = ("all", "diffuse", "glossy", "specular")
 #: Two renders whose errors differ by no more are a tie (Bagher et al. 2016, section 6, for PSNR).
 TIE_DB = 2.0
+#: Column of a summary -> that of the materials it counts.
+KINDS = {"standins": "standin", "reconstructions": "reconstructed"}
 AVERAGED = tuple(name for name in IMAGE_MEASURES if name not in PAIR_ERRORS)
 BAGHER2016 = "Bagher et al. 2016"
 BILGILI2011 = "Bilgili et al. 2011"
 
 
 def read_classes(descriptions: Iterable[str | os.PathLike]) -> pd.DataFrame:
-    """material, class, standin from files results/materials/{material}.json."""
+    """material, class, standin, reconstructed from files results/materials/{material}.json."""
     facts = [read_json(path) for path in descriptions]
-    rows = [(item["name"], item["class"], bool(item["standin"])) for item in facts]
-    return pd.DataFrame(rows, columns=["material", "class", "standin"])
+    rows = [(item["name"], item["class"], bool(item["standin"]), item.get("kind") == RECONSTRUCTED) for item in facts]
+    return pd.DataFrame(rows, columns=["material", "class", "standin", "reconstructed"])
 
 
 def _order(models: Iterable[str], wanted: Sequence[str]) -> list[str]:
@@ -60,10 +63,10 @@ def summarise(errors: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str]
     first. Linear PSNR cannot be compared between materials: over several, its median is what to read.
 
     Columns: model, class, scene ("all" or a name), materials and how many of them are standins (built in, whatever
-    became of their renders), count (renders that could be judged), failed, missing (renders that another model has
-    and this one lacks: its means are over fewer), bounds (PSNRs that are lower bounds, the error being below the
-    noise), then {measure}_mean and {measure}_median. One infinite PSNR makes a mean infinite; the median stands
-    beside it.
+    became of their renders) or reconstructions (no measurements either), count (renders that could be judged), failed,
+    missing (renders that another model has and this one lacks: its means are over fewer), bounds (PSNRs that are lower
+    bounds, the error being below the noise), then {measure}_mean and {measure}_median. One infinite PSNR makes a mean
+    infinite; the median stands beside it.
     """
     table = errors.merge(classes, on="material", how="left", validate="many_to_one")
     rows = []
@@ -79,7 +82,7 @@ def summarise(errors: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str]
                     continue
                 good, materials = part[part["status"] == "ok"], part.drop_duplicates("material")
                 row: dict[str, object] = {"model": model, "class": class_name, "scene": scene}
-                row |= {"materials": len(materials), "standins": int(materials["standin"].sum())}
+                row |= {"materials": len(materials), **_kinds(materials)}
                 row |= {"count": len(good), "failed": len(part) - len(good), "missing": missing.get(model, 0)}
                 row["bounds"] = int(np.isinf(good["psnr_se_db"]).sum())
                 for measure in AVERAGED:
@@ -216,11 +219,17 @@ def _plural(count: int, noun: str) -> str:
 
 def _data_note(part: pd.DataFrame) -> str:
     materials = part.drop_duplicates("material")
-    standins = int(materials["standin"].sum())
-    if standins == len(materials):
-        return f"{_plural(standins, 'built-in stand-in')} (no measurements)"
+    kinds = _kinds(materials)
+    if kinds["standins"] == len(materials):
+        return f"{_plural(len(materials), 'built-in stand-in')} (no measurements)"
     told = _plural(len(materials), "material")
-    return told + (f", {standins} of them built-in stand-ins" if standins else "")
+    told += f", {kinds['standins']} of them built-in stand-ins" if kinds["standins"] else ""
+    return told + (f", {kinds['reconstructions']} of them reconstructed" if kinds["reconstructions"] else "")
+
+
+def _kinds(materials: pd.DataFrame) -> dict[str, int]:
+    """How many of the materials are no measurements: standins, and reconstructions."""
+    return {kind: int(materials[column].sum()) for kind, column in KINDS.items()}
 
 
 def write_tables(
@@ -234,7 +243,7 @@ def write_tables(
     """Write errors.tsv and brdf.tsv (all rows), summary.tsv, summary_brdf.tsv, wins.tsv and published.tsv."""
     folder = Path(folder)
     all_errors, all_brdf, classes = read_tsv(errors), read_tsv(brdf), read_classes(descriptions)
-    words = classes.assign(standin=classes["standin"].map({True: "yes", False: "no"}))
+    words = classes.assign(**{c: classes[c].map({True: "yes", False: "no"}) for c in KINDS.values()})
     write_tsv(folder / "errors.tsv", all_errors.merge(words, on="material", how="left"))
     write_tsv(folder / "brdf.tsv", all_brdf.merge(words, on="material", how="left"))
     write_tsv(folder / "summary.tsv", summarise(all_errors, classes, models))

@@ -21,6 +21,7 @@ TEXT_COLUMNS = (
     "reason",
     "class",
     "standin",
+    "reconstructed",
     "note",
     "source",
 )

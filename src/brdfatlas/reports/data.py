@@ -10,6 +10,7 @@ import pandas as pd
 
 from brdfatlas.constants import ABSENT
 from brdfatlas.files import read_json
+from brdfatlas.measured import RECONSTRUCTED
 from brdfatlas.measures import tsv
 from brdfatlas.measures.summary import Summary
 from brdfatlas.measures.tsv import read_tsv
@@ -99,6 +100,11 @@ class Material:
     @property
     def standin(self) -> bool:
         return bool(self.facts.get("standin"))
+
+    @property
+    def reconstructed(self) -> bool:
+        """Whether the file is somebody's reconstruction of a measurement, a fit or a network's table, say."""
+        return self.facts.get("kind") == RECONSTRUCTED
 
     def stored_bytes(self, model: str) -> int | None:
         """What the fit of a model stores, which a model of variable size decides by the material; None if it

@@ -70,6 +70,7 @@ def write_index(
         **links,
         findings=findings(materials, summary),
         standins=sum(material.standin for material in materials),
+        reconstructed=sum(material.reconstructed for material in materials),
         materials=materials,
         models=facts,
         scenes=scenes,

@@ -43,6 +43,7 @@ STANDINS = (
     "{0} of {1} materials are stand-ins, not measurements: each is the median of five published fits. Their numbers "
 )
 STANDINS += "cannot be compared with published ones."
+RECONSTRUCTIONS = "{0} of {1} materials are reconstructions of measurements: means are over both kinds."
 
 
 def typeset(data: Mapping[str, Any], files: Mapping[str, bytes] | None = None) -> bytes:
@@ -283,6 +284,7 @@ def overview(
     summary = summarise_run(materials, {name: model_facts(name) for name in models})
     rows = model_rows(summary)
     standins = sum(material.standin for material in materials)
+    reconstructed = sum(material.reconstructed for material in materials)
     failures = [f"{f['title']}, {f['model_title']}: {f['reason']}" for f in list_failures(materials, summary.models)]
     failures += [f"left out: {item['name']}: {item['reason']}" for item in run.get("left_out") or []]
     figure = pareto_figure(summary)
@@ -290,7 +292,11 @@ def overview(
     data = {
         "kind": "overview",
         "title": TITLE,
-        "standins": STANDINS.format(standins, len(materials)) if standins else "",
+        "standins": " ".join(
+            words.format(count, len(materials))
+            for words, count in ((STANDINS, standins), (RECONSTRUCTIONS, reconstructed))
+            if count
+        ),
         "findings": findings(materials, summary),
         "about": f"{len(materials)} materials, {len(models)} models, {len(scenes)} scene{'s' * (len(scenes) != 1)}; "
         f"brdfatlas {version}, revision {run.get('revision', 'unknown')}.",

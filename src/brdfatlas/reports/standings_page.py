@@ -62,6 +62,7 @@ def write_standings(
         **links,
         facts=facts,
         standins=int(whole["standins"].max()),
+        reconstructed=int(whole["reconstructions"].max()),
         materials=int(whole["materials"].max()),
         tie=f"{TIE_DB:g}",
         columns=[f"{title}, {kind}" for _, kinds, title, _, _ in SHOWN for kind in kinds],
