@@ -9,6 +9,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -451,29 +452,29 @@ def positive(text: str) -> float:
     return value
 
 
+def add_command(
+    commands: Any, name: str, function: Callable, reads: Sequence[str] = (), writes: str = "", source: bool = False
+) -> argparse.ArgumentParser:
+    """A command; ``reads`` names its arguments that are inputs, ``writes`` is the kind of its output (ENDINGS)."""
+    sub = commands.add_parser(name, help=function.__doc__, description=function.__doc__, formatter_class=Defaults)
+    sub.set_defaults(function=function, reads=(*reads, "source"), writes=writes)
+    sub.add_argument("--json", action="store_true", help="print the result as JSON")
+    if writes:
+        ways = f"{' or '.join(ENDINGS[writes])}{', - for standard output' if writes in TEXT else ''}"
+        sub.add_argument("-o", "--output", required=name != "standin", metavar="OUT", help=f"file to write: {ways}")
+        sub.add_argument("--force", action="store_true", help="replace an existing file that brdfatlas did not write")
+    if source:
+        sub.add_argument("--source", metavar="FILE.py", help="file with a model of your own; a fit remembers it")
+    return sub
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line's grammar."""
     top = Parser(prog="brdfatlas", description="Reflectance models fitted to measured reflectance.")
     top.add_argument("--version", action="version", version=brdfatlas.__version__)
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    def command(
-        name: str, function: Callable, reads: Sequence[str] = (), writes: str = "", source: bool = False
-    ) -> argparse.ArgumentParser:
-        """A command; ``reads`` names its arguments that are inputs, ``writes`` is the kind of its output (ENDINGS)."""
-        sub = commands.add_parser(name, help=function.__doc__, description=function.__doc__, formatter_class=Defaults)
-        sub.set_defaults(function=function, reads=(*reads, "source"), writes=writes)
-        sub.add_argument("--json", action="store_true", help="print the result as JSON")
-        if writes:
-            ways = f"{' or '.join(ENDINGS[writes])}{', - for standard output' if writes in TEXT else ''}"
-            sub.add_argument("-o", "--output", required=name != "standin", metavar="OUT", help=f"file to write: {ways}")
-            sub.add_argument(
-                "--force", action="store_true", help="replace an existing file that brdfatlas did not write"
-            )
-        if source:
-            sub.add_argument("--source", metavar="FILE.py", help="file with a model of your own; a fit remembers it")
-        return sub
-
+    command = partial(add_command, commands)
     command("models", models_command)
     sub = command("info", info_command, ["file"], source=True)
     sub.add_argument("file", metavar="FILE", help="measured file or fit")

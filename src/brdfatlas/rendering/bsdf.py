@@ -262,6 +262,21 @@ class Reflectance:
         return dr.select(choice < weight, cosine, reflected)
 
 
+def _from_files(filename: str, reference: str) -> Reflectance:
+    """What the plugin's properties name, searched for as Mitsuba does."""
+    import mitsuba as mi
+
+    if not filename:
+        raise ValueError("brdfatlas: the plugin needs `filename`, a measured file or a fit (.npz)")
+    resolve = mi.file_resolver().resolve
+    table, valid = load_table(str(resolve(filename)))
+    density = None
+    if reference:
+        reflectance, valid = load_table(str(resolve(reference)))
+        density = sampling_density(extend(reflectance, valid))
+    return Reflectance(table, valid, density)
+
+
 @cache
 def bsdf_class(variant: str) -> type:
     """The plugin's class for a variant, which must be the current one."""
@@ -275,22 +290,11 @@ def bsdf_class(variant: str) -> type:
             # Before the base class, which makes the object known to renders that other threads have begun.
             self.filename = props.get("filename", "")
             self.reference = props.get("reference", "")
-            self.reflectance = reflectance or self._read()
+            self.reflectance = reflectance or _from_files(self.filename, self.reference)
             mi.BSDF.__init__(self, props)
             flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide
             self.m_components = [flags]
             self.m_flags = flags
-
-        def _read(self) -> Reflectance:
-            if not self.filename:
-                raise ValueError("brdfatlas: the plugin needs `filename`, a MERL .binary or a fit (.npz)")
-            resolve = mi.file_resolver().resolve
-            table, valid = load_table(str(resolve(self.filename)))
-            density = None
-            if self.reference:
-                reference, valid = load_table(str(resolve(self.reference)))
-                density = sampling_density(extend(reference, valid))
-            return Reflectance(table, valid, density)
 
         def _above(self, si: Any, wo: Any, active: Any) -> Any:
             return active & (si.wi.z > 0) & (wo.z > 0)

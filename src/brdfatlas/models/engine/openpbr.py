@@ -180,6 +180,35 @@ def _ior(eta, weight):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _colours(p, eta, roughness):
+    """(7, 3) what is the same for all directions: base, slope of F82, multiple scattering of the metal, darkening under
+    the coat, albedo, multiple scattering of the diffuse part, dielectric tint; and the scale of Fujii-Oren-Nayar."""
+    rough, metalness, weight, coat, coat_ior = p[4], p[5], p[6], p[12], p[14]
+    # light that returns from the underside of the coat (specification, Eqs. 65-71)
+    outside = average_fresnel(coat_ior)
+    inside = 1 - (1 - outside) / (coat_ior * coat_ior)
+    reflected = average_fresnel(eta)
+    smooth = (1 - metalness) * reflected + metalness
+    returned = outside + (inside - outside) * (1 + smooth * (roughness - 1))
+    eon_scale = 1 / (1 + (0.5 - 2 / (3 * np.pi)) * rough)
+    eon_mean = eon_scale * (1 + (2 / 3 - 28 / (15 * np.pi)) * rough)
+    colours = np.empty((7, 3), p.dtype)
+    for c in range(3):
+        base, tint = p[0] * p[1 + c], p[7 + c]
+        slope = f82_slope(base, tint)
+        average = _clamped(base + (1 - base) / 21 - slope / 126)
+        beneath = metalness * weight * average + (1 - metalness) * (base + reflected * (1 - base))
+        dark = 1 + coat * ((1 - returned) / (1 - beneath * returned) - 1)
+        albedo = base * (1 - metalness)
+        colours[0, c], colours[1, c], colours[2, c] = base, slope, average * average * metalness * weight
+        colours[3, c] = dark
+        colours[4, c] = albedo
+        colours[5, c] = albedo * albedo * eon_mean / (1 - albedo * (1 - eon_mean)) / (1 - eon_mean + 1e-7)
+        colours[6, c] = tint * (1 - metalness)
+    return colours, eon_scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def openpbr(p, samples, out, metal_table, metal_mean, table, table_mean):
     """p = base_weight, base_color rgb, base_diffuse_roughness, base_metalness, specular_weight, specular_color rgb,
     specular_roughness, specular_ior, coat_weight, coat_roughness, coat_ior."""
@@ -206,27 +235,7 @@ def openpbr(p, samples, out, metal_table, metal_mean, table, table_mean):
     if eta.real > MAX_IOR:
         most = ((MAX_IOR - 1) / (MAX_IOR + 1)) ** 2
         mean = mean * (1 - (((eta - 1) / (eta + 1)) ** 2 - most) / (1 - most))
-    # light that returns from the underside of the coat (specification, Eqs. 65-71)
-    outside = average_fresnel(coat_ior)
-    inside = 1 - (1 - outside) / (coat_ior * coat_ior)
-    reflected = average_fresnel(eta)
-    smooth = (1 - metalness) * reflected + metalness
-    returned = outside + (inside - outside) * (1 + smooth * (roughness - 1))
-    eon_scale = 1 / (1 + (0.5 - 2 / (3 * np.pi)) * rough)
-    eon_mean = eon_scale * (1 + (2 / 3 - 28 / (15 * np.pi)) * rough)
-    colours = np.empty((7, 3), p.dtype)
-    for c in range(3):
-        base, tint = p[0] * p[1 + c], p[7 + c]
-        slope = f82_slope(base, tint)
-        average = _clamped(base + (1 - base) / 21 - slope / 126)
-        beneath = metalness * weight * average + (1 - metalness) * (base + reflected * (1 - base))
-        dark = 1 + coat * ((1 - returned) / (1 - beneath * returned) - 1)
-        albedo = base * (1 - metalness)
-        colours[0, c], colours[1, c], colours[2, c] = base, slope, average * average * metalness * weight
-        colours[3, c] = dark
-        colours[4, c] = albedo
-        colours[5, c] = albedo * albedo * eon_mean / (1 - albedo * (1 - eon_mean)) / (1 - eon_mean + 1e-7)
-        colours[6, c] = tint * (1 - metalness)
+    colours, eon_scale = _colours(p, eta, roughness)
     for n in range(samples.shape[0]):
         cos_i, cos_o, sin2_h, cos_d = samples[n]
         lobe = ggx(sin2_h, alpha) * visible_separable(cos_i, cos_o, alpha)
