@@ -47,6 +47,24 @@ def reason(command: str) -> str:
     return next((reason for start, reason in NOT_RUN.items() if command.startswith(start)), "")
 
 
+def test_paths_and_links_of_the_pages_exist():
+    rooms = "|".join(path.name for path in [*ROOT.iterdir(), *(ROOT / "src" / "brdfatlas").iterdir()] if path.is_dir())
+    gone = []
+    for page in [*PAGES, ROOT / "config" / "README.md", ROOT / "examples" / "own-study" / "README.md"]:
+        text = page.read_text()
+        named = re.findall(rf"`((?:{rooms})/[\w./-]*)`", text)
+        places = (ROOT, ROOT / "src" / "brdfatlas", page.parent)
+        gone += [(page.name, path) for path in named if not made(path) and not any((b / path).exists() for b in places)]
+        links = re.findall(r"\]\(([^)#:]+?)(?:#[^)]*)?\)", text)
+        gone += [(page.name, link) for link in links if not (page.parent / link).exists()]
+    assert not gone
+
+
+def made(path: str) -> bool:
+    """Whether a run or a person makes what is there."""
+    return path.split("/")[0] in ("results", "reports", "data", "site")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A reader's folder: a measured file, the examples, and the commands on the path."""
