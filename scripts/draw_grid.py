@@ -1,7 +1,7 @@
 """The picture of README.md, docs/images/grid.webp: `python scripts/draw_grid.py`, some minutes.
 
 For each of four built-in stand-ins, from above: the material, the recommended fit (lowest dE00 of the models of at most
-100 bytes), and the closest material of an engine (Mitsuba, MaterialX or glTF hold it exactly). All under one light.
+40 bytes), and the closest material of an engine (Mitsuba, MaterialX or glTF hold it exactly). All under one light.
 """
 
 import sys
@@ -16,8 +16,8 @@ from brdfatlas.pipeline.standins import make_standin
 from brdfatlas.rendering.images import tone_map
 
 MATERIALS = ("nickel", "gold-metallic-paint", "red-specular-plastic", "pink-felt")
-BUDGET = 100  # bytes
-SIZE, TEXT, LEFT = 184, 22, 104
+BUDGET = 40  # bytes
+SIZE, TEXT, LEFT = 160, 22, 104
 
 
 def columns(size: int, samples: int):
@@ -40,7 +40,7 @@ def main(path: Path) -> None:
         ("material", f"recommended\n<= {BUDGET} bytes\n(model, dE00)", "for engines\n(model, dE00)")
     ):
         draw.text((6, TEXT + number * (SIZE + TEXT) + 6), words, fill="black", font=font)
-    for number, (material, rows) in enumerate(columns(SIZE, 128)):
+    for number, (material, rows) in enumerate(columns(SIZE, 64)):
         x = LEFT + number * SIZE
         draw.text((x + 4, 3), material, fill="black", font=font)
         for row, (words, pixels) in enumerate(rows):
