@@ -1,7 +1,8 @@
 """The picture of README.md, docs/images/grid.webp: `python scripts/draw_grid.py`, some minutes.
 
-For each of four built-in stand-ins, from above: the material, the recommended fit (lowest dE00 of the models of at most
-40 bytes), and the closest material of an engine (Mitsuba, MaterialX or glTF hold it exactly). All under one light.
+For each of four built-in stand-ins, from above: the material, the recommended fit (lowest dE00), and the closest
+material of an engine (Mitsuba, MaterialX or glTF hold it exactly), of the models of at most 40 bytes. All under one
+light.
 """
 
 import sys
