@@ -2,7 +2,7 @@
 CORES ?= 2
 BIN := .venv/bin
 READY := .venv/.ready
-SMK := workflow/rules/*.smk Snakefile examples/own-study/Snakefile
+SMK := workflow/rules/*.smk Snakefile workflow/Snakefile examples/own-study/Snakefile
 # Some containers turn bytecode off: every job would then compile its imports anew, half of its time.
 unexport PYTHONDONTWRITEBYTECODE
 export PATH := $(CURDIR)/$(BIN):$(PATH)

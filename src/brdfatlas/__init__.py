@@ -20,7 +20,7 @@ from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS
 from brdfatlas.recommend import recommend
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "MODELS",
     "Fit",

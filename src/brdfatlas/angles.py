@@ -28,7 +28,7 @@ def theta_d_centres() -> np.ndarray:
 
 
 def phi_d_centres(full_circle: bool = False) -> np.ndarray:
-    """Centres of the phi_d cells of one degree, radians: 180 in [0, pi), or 360 in [0, 2 pi)."""
+    """Centres of the phi_d cells of one degree, radians: (180,) in [0, pi), or (360,) in [0, 2 pi)."""
     return (np.arange(N_PHI_D * (1 + full_circle)) + 0.5) / N_PHI_D * np.pi
 
 

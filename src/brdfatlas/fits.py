@@ -95,9 +95,10 @@ class Fit:
             return rgb
 
     def table(self) -> np.ndarray:
-        """The fit at the cell centres of the grid, float32, NaN below the horizon: the MERL grid, (90, 90, 180, 3), or
-        for a model that is not reciprocal the full circle, (90, 90, 360, 3) (:func:`brdfatlas.measured.fold` makes a
-        MERL table of either)."""
+        """The fit at the cell centres of the grid, float32 in 1/sr, NaN below the horizon: the MERL grid,
+        (90, 90, 180, 3), or for a model that is not reciprocal the full circle, (90, 90, 360, 3)
+        (:func:`brdfatlas.measured.fold` makes a MERL table of either). FitError for a fault in a model from outside
+        the package, ValueError if one of ours gives another shape or no numbers."""
         with own_faults(self.instance, self.material):
             table = np.array(numbers(self.instance.evaluate_grid(self.parameters)), np.float32, copy=True)
             if table.shape != (*GRID_SHAPE, 3):
@@ -313,7 +314,9 @@ def _given(entry: Entry, model: Model, measured: Measured) -> Result:
 
 
 def describe_fit(fitted: Fit, measured: Measured, table: np.ndarray) -> dict[str, Any]:
-    """The report of a fit with those parameters that a person can read; JSON-able. ``table``: :meth:`Fit.table`.
+    """The report of a fit with those parameters that a person can read; JSON-able.
+
+    ``table``: :meth:`Fit.table`, (90, 90, 180, 3) or (90, 90, 360, 3) in 1/sr.
 
     FitError if the fit has no finite value where the material has one: no picture and no error could be made of it.
     """

@@ -80,12 +80,12 @@ class Measured:
 
     @property
     def valid(self) -> np.ndarray:
-        """Cells that were measured, bool of GRID_SHAPE."""
+        """Cells that were measured, bool of shape (90, 90, 180)."""
         return ~np.isnan(self.table[..., 0])
 
     @cached_property
     def extended(self) -> np.ndarray:
-        """The table with a value in every cell (:func:`extend`), made once; do not write to it."""
+        """The table (90, 90, 180, 3) with a value in every cell (:func:`extend`), made once; do not write to it."""
         return extend(self.table, self.valid)
 
     def evaluate(self, wi, wo) -> np.ndarray:
@@ -93,7 +93,7 @@ class Measured:
         return look_up(self.extended, wi, wo)
 
     def evaluate_measured(self, wi, wo) -> np.ndarray:
-        """As :meth:`evaluate`, but NaN where the cells around were not measured for the most part."""
+        """As :meth:`evaluate`, (..., 3) in 1/sr, but NaN where the cells around were not measured for the most part."""
         values = self.evaluate(wi, wo)
         known = look_up(self.valid[..., None].astype(np.float32), wi, wo)
         return np.where(known > 0.5, values, np.nan)

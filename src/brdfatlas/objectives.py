@@ -23,7 +23,7 @@ def importance_weight(valid: np.ndarray, *, measure: str = "slice", max_angle: f
 
 
 def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    """The smallest value at which half of the weight is reached."""
+    """The smallest value at which half of the weight is reached; arrays of one shape. ValueError if all weigh 0."""
     keep = weights > 0
     values, weights = values[keep], weights[keep]
     if values.size == 0:
@@ -75,7 +75,7 @@ def compressive_weight(rho: np.ndarray, importance: np.ndarray, power: float = 1
 
     w_C = (f(x) / x)^p with f(x) = (1 - 2^-x) / ln 2, x = rho / (weighted median of rho). ``power`` = 0 turns the
     compressive part off. A channel whose median is 0 (dark) has x taken against its mean, and w_C = 1 if that is
-    0 as well.
+    0 as well. Raises ValueError if no sample has a weight.
     """
     importance = np.ascontiguousarray(importance, float)
     flat = importance.ravel()
@@ -101,7 +101,8 @@ def compressive_weights(
 
 
 def relative_objective(fitted: np.ndarray, table: np.ndarray, weights: np.ndarray) -> float:
-    """sum w (f - rho)^2 / sum w rho^2 per channel, averaged over rgb; a dark channel counts its absolute error."""
+    """sum w (f - rho)^2 / sum w rho^2 per channel, averaged over rgb, for tables and weights (..., 3); a dark
+    channel counts its absolute error."""
     errors = []
     for c in range(3):
         keep = weights[..., c] > 0
@@ -137,7 +138,8 @@ def least_squares_weights(table: np.ndarray, objective: str) -> np.ndarray:
 
 def log_deviation(a: np.ndarray, b: np.ndarray, min_cosine: float = 0.1) -> float:
     """mean |log1p(f cos) - log1p(g cos)| over cells where both tables are valid and both cosines exceed
-    ``min_cosine``; cos is cos(theta_i). Symmetric, 0 for equal tables."""
+    ``min_cosine``; cos is cos(theta_i). For two tables (90, 90, 180, 3) in 1/sr; symmetric, 0 for equal tables, NaN
+    where they have no such cell in common."""
     cos_i, cos_o = grid_cosines()
     keep = (np.minimum(cos_i, cos_o) > min_cosine) & ~np.isnan(a[..., 0]) & ~np.isnan(b[..., 0])
     if not keep.any():
@@ -149,7 +151,7 @@ def log_deviation(a: np.ndarray, b: np.ndarray, min_cosine: float = 0.1) -> floa
 
 
 def e2_weights(valid: np.ndarray, max_angle: float = E2_ANGLE) -> np.ndarray:
-    """The weight of every sample in Löw's E2, GRID_SHAPE float64 of sum 1: its share of the direction pairs with
+    """The weight of every sample in Löw's E2, (90, 90, 180) float64 of sum 1: its share of the direction pairs with
     theta_h, theta_d <= ``max_angle`` (radians) among the ``valid``.
 
     Equal weights for the cells of the file would be another metric: half of them have theta_h < 22 degrees, and the
@@ -175,7 +177,7 @@ def loew_e2(a: np.ndarray, b: np.ndarray, max_angle: float = E2_ANGLE) -> float:
 
 def cosine_weighted(a: np.ndarray, b: np.ndarray) -> float:
     """Ngan et al. 2005: root of the mean of ((rho - rho*) cos theta_i)^2 over direction pairs (solid-angle measure,
-    both angles <= 89 degrees), rgb averaged."""
+    both angles <= 89 degrees), rgb averaged; tables (90, 90, 180, 3) in 1/sr."""
     cos_i, cos_o = grid_cosines()
     keep = (np.minimum(cos_i, cos_o) >= np.cos(MAX_ANGLE)) & ~np.isnan(a[..., 0]) & ~np.isnan(b[..., 0])
     weight = np.broadcast_to(pair_measure(), keep.shape)[keep]

@@ -258,7 +258,7 @@ def test_standins_where_there_is_no_file(tmp_path, capsys):
     assert len(usable) == 4
     assert all(m.standin for m in usable)
     assert left_out == []
-    assert capsys.readouterr().err == f"{tmp_path / 'none'}: no measurement there; built-in stand-ins are used\n"
+    assert capsys.readouterr().err.endswith(f"{tmp_path / 'none'}: no measurement there; built-in stand-ins are used\n")
     with pytest.raises(ConfigError, match=r"none: no measurement there \(strict: true"):
         find_materials(config | {"strict": True}, "standins", tmp_path / "checks.json")
     everything = find_materials(config | {"standins": "all"}, "standins", tmp_path / "checks.json")[0]
@@ -334,3 +334,12 @@ def test_the_rgl_materials_have_addresses():
     materials = read_rgl("config/rgl.yaml")
     assert len(materials) == 51
     assert materials["spectralon"].endswith("/spectralon/spectralon_rgb.bsdf")
+
+
+def test_a_deprecated_key_is_said_and_still_works(tmp_path, capsys):
+    assert read_config({})["merl_folder"] == "data/merl"
+    assert "deprecated" not in capsys.readouterr().err
+    assert read_config({"merl_folder": str(tmp_path)})["merl_folder"] == str(tmp_path)
+    assert capsys.readouterr().err == (
+        "config: merl_folder is deprecated since 0.2.0, use measured_folder; it still works\n"
+    )

@@ -45,3 +45,7 @@ def test_a_study_takes_its_own_data_model_and_scene_and_the_rest_from_the_packag
     mean = np.average(measured.table[counted], axis=0, weights=weight[counted])
     np.testing.assert_allclose(rho, mean, rtol=1e-5)
     assert str(ROOT) not in page
+
+
+def test_the_door_of_the_catalog_leads_to_the_same_run(project):
+    assert project.planned("--snakefile", "workflow/Snakefile") == project.planned()

@@ -217,6 +217,7 @@ def write_merl(
     """Write a (90, 90, 180, 3) table in 1/sr as a MERL file; NaN cells become the format's -1. Whole or not at all.
 
     ``standin`` marks the file as a stand-in, or made from one; ``reconstructed`` as no measurement, a fit for example.
+    Raises ValueError for a table of another shape.
     """
     table = np.asarray(table)
     if table.shape != (*GRID_SHAPE, 3):

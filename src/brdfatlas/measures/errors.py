@@ -80,17 +80,17 @@ class Tone(NamedTuple):
 
 
 def expose(linear: np.ndarray, exposure: float) -> np.ndarray:
-    """Linear light of a display, clipped to [0, 1]: ln 2 exposure x, the tone map's own slope in the dark."""
+    """Linear light of a display in [0, 1], of any shape: ln 2 exposure x, the tone map's own slope in the dark."""
     return np.clip(np.log(2.0) * exposure * linear, 0.0, 1.0)
 
 
 def to_8_bit(display: np.ndarray) -> np.ndarray:
-    """Display values in [0, 1] to bytes, rounded."""
+    """Display values in [0, 1] of any shape to bytes, rounded."""
     return np.rint(np.clip(display, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
 def srgb_encode(linear: np.ndarray) -> np.ndarray:
-    """The sRGB transfer curve (IEC 61966-2-1) on values in [0, 1]."""
+    """The sRGB transfer curve (IEC 61966-2-1) on values in [0, 1], of any shape."""
     low = linear <= 0.0031308
     return np.where(low, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
 
@@ -111,10 +111,11 @@ def _products(difference: np.ndarray) -> np.ndarray:
 
 
 def mean_squared_error(products: np.ndarray, *, unbiased: bool = True) -> tuple[float, np.ndarray]:
-    """MSE from the matrix of :func:`batch_products`, and the n values that leaving one batch out gives.
+    """MSE from the matrix (n, n) of :func:`batch_products`, and the n values that leaving one batch out gives.
 
     ``unbiased``: the U-statistic of the module's text, for images with common random numbers; it needs two batches,
     three for its jackknife. Otherwise the plain MSE of the two averages, with their noise.
+    Raises ValueError for an unbiased estimate from one batch.
     """
     n = len(products)
     rows, diagonal, total = products.sum(1), np.diag(products), float(products.sum())
@@ -132,7 +133,7 @@ def mean_squared_error(products: np.ndarray, *, unbiased: bool = True) -> tuple[
 
 
 def jackknife_error(without: np.ndarray) -> float:
-    """Standard error of a statistic from its n leave-one-out values: sqrt((n - 1)/n sum (t_b - mean t)^2)."""
+    """Standard error of a statistic from its leave-one-out values (n,): sqrt((n - 1)/n sum (t_b - mean t)^2)."""
     n = len(without)
     return float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
 

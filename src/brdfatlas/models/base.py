@@ -53,10 +53,12 @@ class Parameter:
 
     @property
     def count(self) -> int:
+        """How many numbers it is."""
         return int(np.prod(self.shape))
 
     @property
     def bytes(self) -> int:
+        """Its storage in bytes."""
         return self.count * np.dtype(self.dtype).itemsize
 
 
@@ -148,7 +150,7 @@ class Result:
 
 
 def numbers(values: Any) -> np.ndarray:
-    """What a model gives for values, if these are numbers: None would become NaN. ValueError if not."""
+    """What a model gives for values, of any shape, if these are numbers: None would become NaN. ValueError if not."""
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
         raise ValueError(f"its values are {array.dtype}, not numbers")

@@ -1,5 +1,6 @@
 """The configuration: read, completed with defaults, checked. Every fault is one line with file, key and remedy."""
 
+import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,8 @@ def choose(wanted: str | list[str], known: list[str], key: str, source: str) -> 
 def read_config(config: Mapping[str, Any], source: str = "config") -> dict[str, Any]:
     """The main configuration, completed and checked."""
     schema = read_yaml(SCHEMAS / "config.schema.yaml")
+    if "merl_folder" in config:
+        print(f"{source}: merl_folder is deprecated since 0.2.0, use measured_folder; it still works", file=sys.stderr)
     config = check(typed(dict(config), schema), schema, source)
     for key in ("measured_folder", "merl_folder"):
         folder = Path(config[key])

@@ -150,7 +150,8 @@ def render_scene(
     seed: int = 1,
 ) -> Render:
     """Render a reference, or a fit's ``table`` with the reference's mask and sampling density, in one scene: one
-    picture of :func:`render_models`."""
+    picture of :func:`render_models`. ``table``: (90, 90, 180, 3) or (90, 90, 360, 3) in 1/sr, None for the
+    reference."""
     return render_models(scene, measured, {"": table}, samples=samples, batches=batches, seed=seed)[""]
 
 
