@@ -67,6 +67,12 @@ def test_functions_are_those_the_models_evaluate():
         np.testing.assert_allclose(fit.evaluate(wi, wo), expected, rtol=2e-3)
 
 
+def test_more_models_than_colours_are_drawn(tmp_path):
+    """Twenty fits beside one: each has its line."""
+    others = {f"fit {n}": dupuy_fit("gaussian", 0.1 + 0.02 * n) for n in range(20)}
+    assert plot_functions(dupuy_fit("ggx"), tmp_path / "many.svg", others=others)
+
+
 def test_models_without_functions_draw_nothing(tmp_path):
     fit = Fit("ward", "made", {"kd": np.zeros(3)})
     assert grouped(fit) == {}
@@ -127,6 +133,12 @@ def test_equal_data_give_equal_files_and_formats_follow_the_ending(tmp_path):
         assert b"<dc:date>" not in first
         ElementTree.fromstring(first)
         assert (tmp_path / f"{kind}1.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_coordinates_are_rounded_and_nothing_else():
+    svg = '<g transform="scale(0.015625)"><path d="M 1.23456 -7.891\nL 10 0.005"/></g><text x="1.23456">0.12345</text>'
+    short = svg.replace("1.23456 -7.891", "1.23 -7.89").replace("0.005", "0.00")
+    assert style.rounded(svg) == short
 
 
 def test_a_figure_without_content_says_so(tmp_path):

@@ -58,7 +58,8 @@ def _plot(axis: Axes, own: list[Function], beside: Mapping[str, list[Function]],
         _curves(axis, function, title, label=number == 0)
     drawn = list(own)
     for number, (name, functions) in enumerate(beside.items()):
-        look = {"color": style.COLOURS[number], "linestyle": style.LINES[1 + number % 3], "linewidth": 1.0}
+        colour = style.COLOURS[number % len(style.COLOURS)]
+        look = {"color": colour, "linestyle": style.LINES[1 + number % 3], "linewidth": 1.0}
         for function in functions:
             if function.values.ndim == 1 and first.values.ndim == 1:
                 axis.plot(np.rad2deg(function.angle), function.values, label=name, **look)

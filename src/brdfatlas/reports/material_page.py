@@ -165,6 +165,11 @@ def write_material_page(
         animation=animation_told(output, pictures, animation, by_name),
         size=_picture_size(output, pictures, scenes, models),
         bars=_bars(output),
+        figures=[
+            (name, f"{quote(pictures.name)}/{name}")
+            for name in ("functions.svg", "lobes.svg")
+            if (pictures / name).is_file()
+        ],
         curves=(pictures / "curves.js").is_file(),
         diagnostics=diagnostics(output, pictures, entries),
         measures=MEASURES,
