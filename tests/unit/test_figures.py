@@ -67,12 +67,6 @@ def test_functions_are_those_the_models_evaluate():
         np.testing.assert_allclose(fit.evaluate(wi, wo), expected, rtol=2e-3)
 
 
-def test_more_models_than_colours_are_drawn(tmp_path):
-    """Twenty fits beside one: each has its line."""
-    others = {f"fit {n}": dupuy_fit("gaussian", 0.1 + 0.02 * n) for n in range(20)}
-    assert plot_functions(dupuy_fit("ggx"), tmp_path / "many.svg", others=others)
-
-
 def test_models_without_functions_draw_nothing(tmp_path):
     fit = Fit("ward", "made", {"kd": np.zeros(3)})
     assert grouped(fit) == {}
@@ -125,7 +119,7 @@ def test_equal_data_give_equal_files_and_formats_follow_the_ending(tmp_path):
     valid = above_horizon()
     for name in ("1.svg", "2.svg", "1.png"):
         plot_lobes(reference, valid, {"GGX": table}, tmp_path / f"lobes{name}")
-        assert plot_functions(dupuy_fit("ggx"), tmp_path / f"functions{name}", others={"other": dupuy_fit("gaussian")})
+        assert plot_functions(dupuy_fit("ggx"), tmp_path / f"functions{name}")
         plot_summary(errors_frame(), {}, tmp_path / f"summary{name}")
     for kind in ("lobes", "functions", "summary"):
         first = (tmp_path / f"{kind}1.svg").read_bytes()

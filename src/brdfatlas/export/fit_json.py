@@ -24,8 +24,8 @@ def fit_as_json(fit: Fit) -> dict[str, Any]:
             "unit": parameter.unit,
             "dtype": str(array.dtype),
             "shape": list(array.shape),
-            # float() of a float32 shows digits that it does not have
-            "values": np.vectorize(shortest_number, otypes=[float])(array).tolist(),
+            # float() of a float32 shows digits that it does not have, and np.vectorize calls float()
+            "values": np.array([shortest_number(value) for value in array.ravel()]).reshape(array.shape).tolist(),
         }
     paper = model.paper
     return {

@@ -215,7 +215,7 @@ void main() {
 
   // --- tables ------------------------------------------------------------------------------------------------------------
   // brdfatlas.figures.tables: zlib of differences of logarithms, theta_h fastest; loaded once and kept.
-  const STEPS = 128, FLOOR = 1e-5, tables = new Map();
+  const STEPS = 64, FLOOR = 1e-5, tables = new Map();
   async function decode(cells, text) {
     const stream = new Blob([bytes(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
     const steps = new Int16Array(await new Response(stream).arrayBuffer()), n = steps.length / 3, width = cells[0];
