@@ -29,6 +29,6 @@ def test_animations(finished_run, tmp_path):
 
 
 def test_a_model_that_is_not_in_the_run_is_refused(finished_run):
-    done = finished_run.snakemake("--dry-run", "--config", "animation={model: sgd}", "animations", check=False)
+    done = finished_run.snakemake("--dry-run", "--config", "animation={model: sgd}", "--", "animations", check=False)
     assert done.returncode != 0
     assert "config: animation.model: 'sgd' is not known; known: ggx, gaussian" in done.stdout

@@ -147,6 +147,9 @@ def material(tmp_path):
     return tmp_path
 
 
+TABLES = ("tables/ggx.js", "tables/reference.js")
+
+
 def files_in(folder):
     return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
 
@@ -165,8 +168,10 @@ def test_a_material_gets_lobes_and_the_functions_of_the_fits_that_it_has(materia
         "functions.svg",
         "functions/ggx.svg",
         "lobes.svg",
+        "tables/ggx.js",
+        "tables/reference.js",
     ]
-    assert files_in(material / "out") == {"functions/ggx.svg", "lobes.svg", "functions.svg", "curves.js"}
+    assert files_in(material / "out") == {"functions/ggx.svg", "lobes.svg", "functions.svg", "curves.js", *TABLES}
     assert "GGX" in (material / "out" / "lobes.svg").read_text()
 
 
@@ -180,16 +185,17 @@ def test_a_factor_model_gets_curves_slices_weights_and_its_convergence(material)
     args = (material / "stuff.binary", ["ggx", "g_from_d"], material / "fits", material / "out")
     figures_job(*args, material / "list.json")
     expected = {"lobes.svg", "functions/ggx.svg", "functions/g_from_d.svg", "convergence/g_from_d.svg"}
-    expected |= {"slices.webp", "weights.svg", "functions.svg", "curves.js"}
+    # The viewer shows a factor model by its factors: it has no table.
+    expected |= {"slices.webp", "weights.svg", "functions.svg", "curves.js", *TABLES}
     assert set(read_json(material / "list.json")["figures"]) == expected
     assert files_in(material / "out") == expected
     figures_job(material / "stuff.binary", ["ggx"], *args[2:], material / "list.json")
-    assert files_in(material / "out") == {"lobes.svg", "functions/ggx.svg", "functions.svg", "curves.js"}
+    assert files_in(material / "out") == {"lobes.svg", "functions/ggx.svg", "functions.svg", "curves.js", *TABLES}
 
 
 def test_a_material_without_any_fit_still_shows_its_own_lobes(material):
     from brdfatlas.figures.jobs import figures_job
 
     figures_job(material / "stuff.binary", ["gaussian"], material / "fits", material / "out", material / "list.json")
-    assert list(read_json(material / "list.json")["figures"]) == ["curves.js", "lobes.svg"]
+    assert list(read_json(material / "list.json")["figures"]) == ["curves.js", "lobes.svg", "tables/reference.js"]
     assert (material / "out" / "lobes.svg").stat().st_size > 1000

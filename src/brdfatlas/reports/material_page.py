@@ -37,8 +37,8 @@ KINDS = (
         "render",
         "Render",
         "ΔE00",
-        "The same tone map, sampling density and random numbers for all, so that only the model differs. Below each "
-        "picture its mean ΔE00.",
+        "The same tone map, sampling density and random numbers for all, so that only the model differs. The mean "
+        "ΔE00 is given below each picture.",
     ),
     (
         "de00",
