@@ -1,8 +1,8 @@
 """Formulas of models as MathML.
 
-What a class states in plain letters, such as ``D = (n+1)/(2 pi) (n·h)^n``, is parsed by the usual rules: a product is the
-letters beside each other, a quotient has the product before the stroke above and the factor after it below. A statement
-in words stays as it is.
+What a class states in plain letters, such as ``D = (n+1)/(2 pi) (n·h)^n``, is parsed by the usual rules: a product is
+the letters beside each other, a quotient has the product before the stroke above and the factor after it below. A
+statement in words stays as it is.
 """
 
 import re
