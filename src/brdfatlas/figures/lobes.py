@@ -81,5 +81,5 @@ def plot_lobes(
             names += [f"reference, θi = {angle:g}°", f"fit, θi = {angle:g}°"]
         figure.supxlabel("outgoing angle (degrees)", fontsize=7.5)
         figure.supylabel("BRDF (1/sr)", fontsize=7.5)
-        figure.legend(handles, names, loc="outside lower center", ncols=len(incidence), columnspacing=1.2)
+        figure.legend(handles, names, loc="outside upper center", ncols=len(incidence), columnspacing=1.2)
         style.save(figure, path)
