@@ -44,7 +44,7 @@
       reference.querySelector("a").href = `../compare.html#m=${url(D.material)}&s=${url(scene)}`;
     }
   }
-  document.querySelectorAll("[data-switch] button").forEach((b) => b.addEventListener("click", () => requestAnimationFrame(grid)));
+  document.querySelectorAll("[data-switch] button").forEach((b) => b.addEventListener("click", grid)); // after that of page.js, which writes the choice to the address
   P.follow(grid);
   grid();
 
