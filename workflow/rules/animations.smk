@@ -8,6 +8,10 @@ def animation_files(wildcards):
     return files if all(os.path.exists(file) for file in files) else []
 
 
+localrules:
+    animations,
+
+
 rule animations:
     input:
         lambda wildcards: made_by(rules.draw_animation, material=MATERIALS),
