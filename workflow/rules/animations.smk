@@ -27,7 +27,7 @@ rule draw_animation:
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
         errors="results/errors/{material}/images.tsv",
         brdf="results/errors/{material}/brdf.tsv",
-        scene=scene_files([config["animation"]["scene"]]),
+        scene=lambda wildcards: scene_files([config["animation"]["scene"]]),
     output:
         animation="reports/materials/{material}/animation.webp",
         listing="results/animations/{material}.json",
