@@ -2,12 +2,6 @@
 # there the next time the report is made.
 
 
-def animation_files(wildcards):
-    """The animation of a material and what is said of it, where `snakemake animations` has made them."""
-    files = made_by(rules.draw_animation, material=[wildcards.material])
-    return files if all(os.path.exists(file) for file in files) else []
-
-
 localrules:
     animations,
 
@@ -44,7 +38,7 @@ rule draw_animation:
         provenance=provenance("brdfatlas.reports.animation", libraries=(*RENDERING, "pillow")),
         models=MODELS,
         entries=ENTRIES,
-        fits="results/fits/{material}",
+        fits=lambda wildcards, input: str(Path(input.fits[0]).parent),
         scene=[config["animation"]["scene"], ALL_SCENES[config["animation"]["scene"]]],
         scenes_file=config["scenes_file"],
         settings={key: config["animation"][key] for key in ("frames", "size", "samples", "model")}
