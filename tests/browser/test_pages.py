@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -521,6 +522,36 @@ def test_compare_side_by_side_swipe_and_error_map(tab, site):
     assert same == [247, 247, 247], "no difference is the middle of the scale"
     page.locator("#view").select_option("swipe")
     assert shown(page) == ""
+    assert tab.faults == []
+
+
+def test_compare_saves_exr_and_magnifies(tab, site, tmp_path):
+    """The file holds the radiance to the last bit; both insets show the pixel under the pointer."""
+    import OpenEXR
+
+    from brdfatlas.figures.pictures import read_hdr
+
+    page = tab.open(site.reports / "compare.html", "#m=pvc&s=grove&b=toy_02")
+    shown(page)
+    with page.expect_download() as waiting:
+        page.locator("#exr").click()
+    assert waiting.value.suggested_filename == "pvc-grove-toy_02.exr"
+    waiting.value.save_as(tmp_path / "saved.exr")
+    channels = OpenEXR.File(str(tmp_path / "saved.exr")).channels()
+    expected = read_hdr(site.reports / "materials/pvc/renders/grove/toy_02/hdr.js")
+    assert np.array_equal(channels["RGB"].pixels, expected.astype(np.float32))
+    box = page.locator("#canvas").bounding_box()
+    page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + box["height"] * 0.4)
+    (x, y), _values = pixel(page)
+    for side in "ab":
+        assert page.locator(f"#inset-{side}").get_attribute("data-at") == f"{x},{y}"
+    middle = """(id) => {
+      const c = document.getElementById(id), d = c.getContext('2d').getImageData(c.width / 2, c.height / 2, 1, 1).data;
+      return [d[0], d[1], d[2]];
+    }"""
+    tone = 255 * (1 - np.exp2(-expected[y, x])) ** (1 / 2.2)
+    assert page.evaluate(middle, "inset-b") == pytest.approx(tone.tolist(), abs=1.5)
+    assert page.locator("#inset-b-title").inner_text() == "Toy 2"
     assert tab.faults == []
 
 

@@ -105,7 +105,8 @@ def test_draw_bars(run_rule):
 
 def test_draw_figures(run_rule, finished_run):
     listing = json.loads(run_rule("draw_figures", "results/figures/chrome.json").read_text())["figures"]
-    assert list(listing) == ["curves.js", "functions.svg", "functions/gaussian.svg", "functions/ggx.svg", "lobes.svg"]
+    figures = ["curves.js", "functions.svg", "functions/gaussian.svg", "functions/ggx.svg", "lobes.svg"]
+    assert list(listing) == [*figures, "tables/gaussian.js", "tables/ggx.js", "tables/reference.js"]
     for name, digest in listing.items():
         content = (finished_run.root / "reports" / "materials" / "chrome" / name).read_bytes()
         assert not name.endswith(".svg") or ElementTree.fromstring(content.decode()).tag.endswith("svg")

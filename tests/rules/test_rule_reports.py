@@ -3,7 +3,9 @@ write_uber_texture, typeset_material, write_supplement."""
 
 import json
 import math
+import re
 import shutil
+from urllib.parse import unquote
 
 import numpy as np
 import pandas as pd
@@ -33,6 +35,32 @@ def test_write_material_page(run_rule, finished_run):
     for model in ("ggx", "gaussian"):
         assert f"{source[model, 'studio_sphere']:.1f}" in page
     assert "Stand-in, not a measurement" in page
+
+
+def test_every_file_of_a_material_is_linked(finished_run):
+    """By a page, or by a script of the report for the choices that it offers; nothing else lies in the folder."""
+    reports, scene = finished_run.root / "reports", "studio_sphere"
+    for material in ("chrome", "pink-felt"):
+        page = (reports / f"materials/{material}.html").read_text(encoding="utf-8")
+        linked = {
+            unquote(href.split("#")[0]) for href in re.findall(rf'(?:href|src)="{re.escape(material)}/([^"]+)"', page)
+        }
+        linked |= {"thumb.webp"}  # the index
+        kinds = re.findall(r'data-choice="(render|de00|diff|flip)"', page)
+        assert sorted(kinds) == ["de00", "diff", "flip", "render"]
+        for model in ("ggx", "gaussian"):
+            # What the page, Compare and the viewer load when it is chosen.
+            linked |= {f"renders/{scene}/{model}/{kind}.webp" for kind in kinds}
+            linked |= {f"renders/{scene}/{model}/hdr.js", f"tables/{model}.js"}
+        linked |= {f"renders/{scene}/reference/{name}" for name in ("render.webp", "hdr.js")} | {"tables/reference.js"}
+        linked |= {f"renders/{scene}/reference_again/de00.webp"}
+        folder = reports / "materials" / material
+        found = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+        assert found == linked
+    scripts = {name: (reports / f"assets/{name}.js").read_text() for name in ("compare", "viewer", "material")}
+    assert "/hdr.js`" in scripts["compare"]
+    assert "/tables/$" in scripts["viewer"]
+    assert "curves.js" in page
 
 
 def test_write_fits(run_rule, finished_run):

@@ -119,7 +119,7 @@ def test_equal_data_give_equal_files_and_formats_follow_the_ending(tmp_path):
     valid = above_horizon()
     for name in ("1.svg", "2.svg", "1.png"):
         plot_lobes(reference, valid, {"GGX": table}, tmp_path / f"lobes{name}")
-        assert plot_functions(dupuy_fit("ggx"), tmp_path / f"functions{name}", others={"other": dupuy_fit("gaussian")})
+        assert plot_functions(dupuy_fit("ggx"), tmp_path / f"functions{name}")
         plot_summary(errors_frame(), {}, tmp_path / f"summary{name}")
     for kind in ("lobes", "functions", "summary"):
         first = (tmp_path / f"{kind}1.svg").read_bytes()
@@ -127,6 +127,12 @@ def test_equal_data_give_equal_files_and_formats_follow_the_ending(tmp_path):
         assert b"<dc:date>" not in first
         ElementTree.fromstring(first)
         assert (tmp_path / f"{kind}1.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_coordinates_are_rounded_and_nothing_else():
+    svg = '<g transform="scale(0.015625)"><path d="M 1.23456 -7.891\nL 10 0.005"/></g><text x="1.23456">0.12345</text>'
+    short = svg.replace("M 1.23456 -7.891\nL 10 0.005", "M1.23 -7.89L10 0.00")
+    assert style.rounded(svg) == short
 
 
 def test_a_figure_without_content_says_so(tmp_path):

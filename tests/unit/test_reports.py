@@ -8,6 +8,7 @@ import re
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,7 @@ from brdfatlas.figures.pictures import read_hdr
 from brdfatlas.measures.ranking import best_rows
 from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, best_of, median, pareto_front, score_models
 from brdfatlas.models import MODELS
-from brdfatlas.reports import formats
+from brdfatlas.reports import formats, mathml
 from brdfatlas.reports.data import model_facts, physics_of, published_row, read_tsv, summarise_run, write_tsv
 from brdfatlas.reports.fit_files import write_fit_files
 from brdfatlas.reports.index_page import atlas_script, findings, run_tables, switch_settings
@@ -115,6 +116,33 @@ def test_formulas_read_like_formulas():
     )
     assert str(formats.formula(r"\frac{D(\theta_h)}{4}")) == "(D(θ<sub>h</sub>)) / (4)"
     assert "<script>" not in str(formats.formula("a < b; <script>"))
+
+
+def test_formulas_of_all_models_are_mathml():
+    """Well-formed, with every name and number of the statement; a statement in words stays text."""
+    for name in MODELS:
+        for statement in re.split(r";\s+", MODELS[name].formula):
+            root = ElementTree.fromstring(f"<body>{mathml.mathml(statement)}</body>")
+            told = "".join(root.itertext())
+            for word in re.findall(r"[A-Za-z]+|\d+", re.sub(r"sqrt|sum|frac|\\[a-z]+|[,;!]", "", statement)):
+                assert formats.SIGNS.get(word, word) in told, (name, statement, word)
+            assert ("<math" in mathml.mathml(statement)) == (not mathml.WORDS.search(statement)), statement
+
+
+def test_formulas_are_read_as_they_are_written():
+    def shown(text: str) -> str:
+        return re.sub(r"<mspace[^>]*></mspace>|</?mrow>", "", mathml.statement_as_mathml(text))
+
+    assert shown("kd/pi + A B / (2 C)") == (
+        "<mfrac><mi>kd</mi><mi>π</mi></mfrac><mo>+</mo><mfrac><mi>A</mi><mi>B</mi><mn>2</mn><mi>C</mi></mfrac>"
+    )
+    assert shown("t^-p") == "<msup><mi>t</mi><mo>−</mo><mi>p</mi></msup>"
+    assert shown("sum_j D_j") == "<munder><mo>∑</mo><mi>j</mi></munder><msub><mi>D</mi><mi>j</mi></msub>"
+    assert "&lt;script" in mathml.mathml("<script>alert(1)</script>")
+    assert "<p" in mathml.mathml("(" * 5000), "what cannot be parsed is shown as it is"
+    for broken in ("a +", "(a", "a)", "/ b", "a ? b"):
+        with pytest.raises(mathml.FormulaError):
+            mathml.statement_as_mathml(broken)
 
 
 def test_tables_survive_writing_and_reading(tmp_path):
@@ -249,7 +277,7 @@ def test_findings_name_the_best_model_of_those_that_have_every_picture(run):
     assert text.startswith(
         f"{MODELS[middles.idxmin()].title} comes closest to the references (ΔE00 {middles.min():.2f}"
     )
-    assert text.endswith("fewer pictures: Toy 3.")
+    assert text.endswith("failed fits or renders: Toy 3.")
     best = [row["name"] for row in rows if LEADING.key in row["best"]]
     assert best == [middles.idxmin()]
     order = [row["name"] for row in rows]

@@ -17,6 +17,7 @@ def test_every_rule_has_its_memory_in_the_slurm_profile():
     assert local == {
         "merl",
         "rgl",
+        "animations",
         "assets",
         "published_fits",
         "download_merl",

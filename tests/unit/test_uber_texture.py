@@ -1,5 +1,7 @@
 """The uber-texture and the JSON export give back the fits they hold."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -92,6 +94,8 @@ def test_json_gives_back_the_fit(model, tmp_path):
     for name, values in fit.parameters.items():
         assert back.parameters[name].dtype == values.dtype
         np.testing.assert_array_equal(back.parameters[name], values)
+    digits = re.findall(r"(?<![\w.])-?(\d+\.\d+)", path.read_text().split('"parameters"')[1])
+    assert max(len(number.replace(".", "").strip("0")) for number in digits) <= 9, "float32 has no more digits"
 
 
 def test_json_faults_are_named(tmp_path):

@@ -2,10 +2,8 @@
 # there the next time the report is made.
 
 
-def animation_files(wildcards):
-    """The animation of a material and what is said of it, where `snakemake animations` has made them."""
-    files = made_by(rules.draw_animation, material=[wildcards.material])
-    return files if all(os.path.exists(file) for file in files) else []
+localrules:
+    animations,
 
 
 rule animations:
@@ -23,7 +21,7 @@ rule draw_animation:
         reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
         errors="results/errors/{material}/images.tsv",
         brdf="results/errors/{material}/brdf.tsv",
-        scene=scene_files([config["animation"]["scene"]]),
+        scene=lambda wildcards: scene_files([config["animation"]["scene"]]),
     output:
         animation="reports/materials/{material}/animation.webp",
         listing="results/animations/{material}.json",
@@ -40,7 +38,7 @@ rule draw_animation:
         provenance=provenance("brdfatlas.reports.animation", libraries=(*RENDERING, "pillow")),
         models=MODELS,
         entries=ENTRIES,
-        fits="results/fits/{material}",
+        fits=lambda wildcards, input: str(Path(input.fits[0]).parent),
         scene=[config["animation"]["scene"], ALL_SCENES[config["animation"]["scene"]]],
         scenes_file=config["scenes_file"],
         settings={key: config["animation"][key] for key in ("frames", "size", "samples", "model")}

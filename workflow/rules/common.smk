@@ -163,6 +163,12 @@ def lost(wildcards):
     return [file for file in files if not os.path.exists(file)]
 
 
+def animation_files(wildcards):
+    """The animation of a material and what is said of it, where `snakemake animations` has made them."""
+    files = made_by(rules.draw_animation, material=[wildcards.material])
+    return files if all(os.path.exists(file) for file in files) else []
+
+
 def render_settings(wildcards):
     """How a scene is rendered: samples, batches, seed and Mitsuba's variant."""
     settings = {key: config["render"][key] for key in ("samples", "batches", "seed", "variant")}

@@ -1,11 +1,13 @@
 """A fit as JSON: what it is, where it comes from, every parameter with its shape, unit and meaning."""
 
+import json
 import os
+import re
 from typing import Any
 
 import numpy as np
 
-from brdfatlas.files import FileFault, read_json, shortest_number, shown, write_json
+from brdfatlas.files import FileFault, plain, read_json, shortest_number, shown, write_text
 from brdfatlas.fits import Fit, check_fit
 
 FORMAT = "brdfatlas fit 1"
@@ -24,8 +26,8 @@ def fit_as_json(fit: Fit) -> dict[str, Any]:
             "unit": parameter.unit,
             "dtype": str(array.dtype),
             "shape": list(array.shape),
-            # float() of a float32 shows digits that it does not have
-            "values": np.vectorize(shortest_number, otypes=[float])(array).tolist(),
+            # float() of a float32 shows digits that it does not have, and np.vectorize calls float()
+            "values": np.array([shortest_number(value) for value in array.ravel()]).reshape(array.shape).tolist(),
         }
     paper = model.paper
     return {
@@ -47,8 +49,10 @@ def fit_as_json(fit: Fit) -> dict[str, Any]:
 
 
 def export_json(fit: Fit, path: str | os.PathLike) -> None:
-    """Write :func:`fit_as_json`, whole or not at all."""
-    write_json(path, fit_as_json(fit))
+    """Write :func:`fit_as_json`, a line a row of numbers; whole or not at all."""
+    text = json.dumps(plain(fit_as_json(fit)), indent=1, ensure_ascii=False, allow_nan=False)
+    rows = re.sub(r"\[\n\s+([-\d.eE+,\s]+?)\n\s*\]", lambda row: f"[{' '.join(row[1].split())}]", text)
+    write_text(path, rows + "\n")
 
 
 def import_json(path: str | os.PathLike) -> Fit:

@@ -1,7 +1,6 @@
 """The named functions of a fit, such as Fresnel, NDF and G1 (as in Dupuy et al. 2015, supplemental)."""
 
 import os
-from collections.abc import Mapping
 
 import numpy as np
 from matplotlib import pyplot
@@ -21,25 +20,20 @@ AXES = {
 DECADES = 1e-6
 
 
-def plot_functions(
-    fit: Fit, path: str | os.PathLike, *, others: Mapping[str, Fit] | None = None, title: str = ""
-) -> bool:
+def plot_functions(fit: Fit, path: str | os.PathLike, *, title: str = "") -> bool:
     """A plot for each function of a fit, side by side; those of one symbol share a plot. rgb in red, green and blue.
-
-    ``others``: fits whose colourless functions of the same symbol and unit are drawn thinly for comparison, by title.
-    Returns False, and writes nothing, for a model without functions.
+    Those of all models together are functions.svg (figures.curves). Returns False, and writes nothing, for a model
+    without functions.
     """
     plots = grouped(fit)
     if not plots:
         return False
-    compared = {name: grouped(other) for name, other in (others or {}).items()}
     with style.paper():
         figure, axes = pyplot.subplots(
             1, len(plots), figsize=(2.8 * len(plots), 2.5), layout="constrained", squeeze=False
         )
-        for axis, (key, own) in zip(axes[0], plots.items()):
-            beside = {name: groups[key] for name, groups in compared.items() if key in groups}
-            _plot(axis, own, beside, title or fit.entry)
+        for axis, own in zip(axes[0], plots.values()):
+            _plot(axis, own, title or fit.entry)
         style.save(figure, path)
     return True
 
@@ -52,21 +46,14 @@ def grouped(fit: Fit) -> dict[tuple[str, str, str], list[Function]]:
     return found
 
 
-def _plot(axis: Axes, own: list[Function], beside: Mapping[str, list[Function]], title: str) -> None:
+def _plot(axis: Axes, own: list[Function], title: str) -> None:
     first = own[0]
     for number, function in enumerate(own):
         _curves(axis, function, title, label=number == 0)
-    drawn = list(own)
-    for number, (name, functions) in enumerate(beside.items()):
-        look = {"color": style.COLOURS[number], "linestyle": style.LINES[1 + number % 3], "linewidth": 1.0}
-        for function in functions:
-            if function.values.ndim == 1 and first.values.ndim == 1:
-                axis.plot(np.rad2deg(function.angle), function.values, label=name, **look)
-                drawn.append(function)
     unit = f" ({first.unit})" if first.unit else ""
     axis.set(xlabel=AXES[first.axis], ylabel=f"{first.symbol}{unit}")
-    top = max(float(function.values.max()) for function in drawn)
-    low = min(float(function.values.min()) for function in drawn)
+    top = max(float(function.values.max()) for function in own)
+    low = min(float(function.values.min()) for function in own)
     if first.axis == "theta_h":  # spaced as the measurements are
         axis.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
         axis.set_xticks([0, 1, 5, 15, 30, 60, 90])

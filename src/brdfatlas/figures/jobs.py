@@ -77,9 +77,8 @@ def figures_job(
             drawn.add(path.relative_to(folder).as_posix())
     for name, fit in loaded.items():
         title = titles[name]
-        others = {titles[other]: loaded[other] for other in loaded if other != name}
         path = folder / "functions" / f"{name}.svg"
-        if plot_functions(fit, path, others=others, title=title):
+        if plot_functions(fit, path, title=title):
             drawn.add(path.relative_to(folder).as_posix())
         path = folder / "convergence" / f"{name}.svg"
         channels = (read_json(Path(fits) / f"{name}.json").get("details") or {}).get("channels")

@@ -66,7 +66,8 @@ def plot_lobes(
             filled = extend(np.nan_to_num(table), valid)
             for n, (theta_i, theta_o, expected) in enumerate(zip(angles, outgoing, measured)):
                 degrees, colour = np.rad2deg(theta_o), style.COLOURS[n]
-                axis.fill_between(degrees, low, np.maximum(expected, low), color=colour, alpha=0.22, linewidth=0)
+                outline = [low, *np.maximum(expected, low), low]
+                axis.fill([degrees[0], *degrees, degrees[-1]], outline, color=colour, alpha=0.22, linewidth=0)
                 fitted = lobe(filled, theta_i, theta_o) ** 3
                 axis.plot(degrees, np.maximum(fitted, low * 1e-3), color=colour, linewidth=0.9)
             axis.set_title(textwrap.shorten(title, 28, placeholder="…"), fontsize=7, pad=2)
@@ -80,5 +81,5 @@ def plot_lobes(
             names += [f"reference, θi = {angle:g}°", f"fit, θi = {angle:g}°"]
         figure.supxlabel("outgoing angle (degrees)", fontsize=7.5)
         figure.supylabel("BRDF (1/sr)", fontsize=7.5)
-        figure.legend(handles, names, loc="outside lower center", ncols=len(incidence), columnspacing=1.2)
+        figure.legend(handles, names, loc="outside upper center", ncols=len(incidence), columnspacing=1.2)
         style.save(figure, path)

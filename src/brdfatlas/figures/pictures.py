@@ -154,7 +154,7 @@ def material_pictures(
     """Write all pictures of one material into ``folder``, which has its name; returns the files below it, sorted.
 
     ``renders`` holds {model}/{scene}.exr. A model that failed gets none, and pictures that an earlier run left for
-    it are removed. The noise floor ("reference_again") gets its maps only.
+    it are removed. The noise floor ("reference_again") gets its map of ΔE00 only.
     """
     renders, folder, written = Path(renders), Path(folder), []
     for scene, tone in tones.items():
@@ -164,7 +164,7 @@ def material_pictures(
             pictures = {}
             if image.meta.get("status", "ok") == "ok" and np.isfinite(image.mean).all():
                 pictures = scene_pictures(reference, image, tone)
-            keep = {REFERENCE: ("render",), REFERENCE_AGAIN: ("de00", "flip", "diff")}.get(model, KINDS)
+            keep = {REFERENCE: ("render",), REFERENCE_AGAIN: ("de00",)}.get(model, KINDS)
             for kind in KINDS:
                 path = picture_file(folder, scene, model, kind)
                 if kind in keep and kind in pictures:

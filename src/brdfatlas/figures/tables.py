@@ -6,7 +6,7 @@ as differences, and green and blue as differences to red, of
 
     q = round(STEPS log2(max(value, FLOOR) / FLOOR)),    value in 1/sr = FLOOR 2^(q / STEPS),
 
-so that a value is right within 0.3 %. The grid is MERL's with cells of theta_d (:data:`THETA_D` left) and phi_d merged
+so that a value is right within 0.6 %. The grid is MERL's with cells of theta_d (:data:`THETA_D` left) and phi_d merged
 to their means, extended over the horizon as for rendering. phi_d runs over 0 to pi/2, or 0 to pi for a model that is
 not reciprocal: the rest of the circle is its mirror image.
 """
@@ -24,7 +24,7 @@ from brdfatlas.files import write_text
 from brdfatlas.measured import extend
 from brdfatlas.models.base import Factors
 
-STEPS, FLOOR = 128, 1e-5
+STEPS, FLOOR = 64, 1e-5
 #: Cells of theta_d and, on a quarter of the circle, phi_d.
 THETA_D, PHI_D = 30, 15
 #: A fit of more products than this is shown by its table.

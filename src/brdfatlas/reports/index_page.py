@@ -252,7 +252,7 @@ def findings(materials: Sequence[Material], summary: Summary) -> str:
     names = list(summary.classes)
 
     def told(name: str) -> str:
-        return f"{digits(summary.value(name), LEADING.digits)} with {storage(summary.cost(name, 'bytes'))} per material"
+        return f"{digits(summary.value(name), LEADING.digits)} at {storage(summary.cost(name, 'bytes'))} per material"
 
     over = f"the median over {len(names)} materials" if len(names) > 1 else "on one material"
     best = ranked[0]
@@ -273,7 +273,7 @@ def findings(materials: Sequence[Material], summary: Summary) -> str:
     text += "."
     aside = [summary.models[name].title for name in summary.models if summary.missing[name]]
     if aside:
-        text += f" Not ranked, because failures left fewer pictures: {', '.join(aside)}."
+        text += f" Not ranked because of failed fits or renders: {', '.join(aside)}."
     return text
 
 

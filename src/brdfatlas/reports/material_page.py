@@ -37,8 +37,8 @@ KINDS = (
         "render",
         "Render",
         "ΔE00",
-        "The same tone map, sampling density and random numbers for all, so that only the model differs. Below each "
-        "picture its mean ΔE00.",
+        "The same tone map, sampling density and random numbers for all, so that only the model differs. The mean "
+        "ΔE00 is given below each picture.",
     ),
     (
         "de00",
@@ -165,6 +165,11 @@ def write_material_page(
         animation=animation_told(output, pictures, animation, by_name),
         size=_picture_size(output, pictures, scenes, models),
         bars=_bars(output),
+        figures=[
+            (name, f"{quote(pictures.name)}/{name}")
+            for name in ("functions.svg", "lobes.svg")
+            if (pictures / name).is_file()
+        ],
         curves=(pictures / "curves.js").is_file(),
         diagnostics=diagnostics(output, pictures, entries),
         measures=MEASURES,

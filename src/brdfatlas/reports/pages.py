@@ -20,6 +20,7 @@ from brdfatlas.figures.pictures import picture_file
 from brdfatlas.files import atomic_path, write_text
 from brdfatlas.reports.data import SceneFacts
 from brdfatlas.reports.formats import FILTERS
+from brdfatlas.reports.mathml import mathml
 
 HERE = Path(__file__).parent
 ASSETS = HERE / "assets"
@@ -50,6 +51,7 @@ def environment() -> Environment:
         keep_trailing_newline=True,
     )
     templates.filters.update(FILTERS)
+    templates.filters["mathml"] = mathml
     templates.filters["path"] = lambda name: quote(str(name), safe="")
     return templates
 

@@ -230,10 +230,26 @@
     const x = Math.floor((from.x - p.left) / p.scale), y = Math.floor((from.y - p.top) / p.scale);
     return x >= 0 && y >= 0 && x < picture.width && y < picture.height ? { x, y } : null;
   }
+  // The surroundings of the pixel that is read, magnified, in A and in B.
+  const INSET = 15;
+  function insets(at) {
+    for (const [id, model] of [["inset-a", state.a], ["inset-b", state.b]]) {
+      const target = $(id), ink = target.getContext("2d"), picture = (store.get(idOf(model)) || {}).picture, cell = target.width / INSET;
+      $(`${id}-title`).textContent = titleOf(model);
+      ink.clearRect(0, 0, target.width, target.height);
+      target.dataset.at = at && picture ? `${at.x},${at.y}` : "";
+      if (!at || !picture) continue;
+      const half = (INSET - 1) / 2;
+      ink.imageSmoothingEnabled = false;
+      ink.drawImage(developed(picture), (half - at.x) * cell, (half - at.y) * cell, picture.width * cell, picture.height * cell);
+      for (const [colour, wide] of [["#000", 3], ["#fff", 1]]) { ink.strokeStyle = colour; ink.lineWidth = wide; ink.strokeRect(half * cell, half * cell, cell, cell); }
+    }
+  }
   function pixels() {
     const at = pixelAt(), rows = [...$("pixel").tBodies[0].rows];
     const value = (model) => { const e = store.get(idOf(model)); return at && e && e.picture ? [0, 1, 2].map((c) => e.picture.rgb[3 * (at.y * e.picture.width + at.x) + c]) : [NaN, NaN, NaN]; };
     const a = value(state.a), b = value(state.b);
+    insets(at);
     $("place").textContent = at ? `x ${at.x}  y ${at.y}` : "Point at the picture.";
     [[titleOf(state.a), a], [titleOf(state.b), b], ["difference", b.map((v, c) => v - a[c])]].forEach(([name, values], i) => {
       rows[i].cells[0].textContent = name;
@@ -313,6 +329,38 @@
       link.download = `${state.m}-${state.s}-${state.b}-${state.v}.png`;
       link.click();
     } catch { $("status").textContent = "The browser does not let a page from a file save this map; save the picture file instead."; }
+  });
+  // Linear radiance as an OpenEXR file: one part, scan lines, float, not compressed.
+  function exr({ width, height, rgb }) {
+    const header = [0x76, 0x2f, 0x31, 0x01, 2, 0, 0, 0], little = (type, ...values) => values.flatMap((v) => { const b = new DataView(new ArrayBuffer(4)); b[`set${type}`](0, v, true); return [...new Uint8Array(b.buffer)]; });
+    const name = (s) => [...s].map((c) => c.charCodeAt(0)).concat(0), attribute = (key, type, bytes) => header.push(...name(key), ...name(type), ...little("Int32", bytes.length), ...bytes);
+    attribute("channels", "chlist", ["B", "G", "R"].flatMap((c) => [...name(c), ...little("Int32", 2, 0, 1, 1)]).concat(0));
+    attribute("compression", "compression", [0]);
+    for (const key of ["dataWindow", "displayWindow"]) attribute(key, "box2i", little("Int32", 0, 0, width - 1, height - 1));
+    attribute("lineOrder", "lineOrder", [0]);
+    attribute("pixelAspectRatio", "float", little("Float32", 1));
+    attribute("screenWindowCenter", "v2f", little("Float32", 0, 0));
+    attribute("screenWindowWidth", "float", little("Float32", 1));
+    header.push(0);
+    const start = header.length + 8 * height, line = 8 + 12 * width, view = new DataView(new ArrayBuffer(start + line * height));
+    header.forEach((byte, i) => view.setUint8(i, byte));
+    for (let y = 0; y < height; y++) {
+      const at = start + line * y;
+      view.setBigUint64(header.length + 8 * y, BigInt(at), true);
+      view.setInt32(at, y, true);
+      view.setInt32(at + 4, 12 * width, true);
+      for (let c = 0; c < 3; c++) for (let x = 0; x < width; x++) view.setFloat32(at + 8 + 4 * (c * width + x), rgb[3 * (y * width + x) + 2 - c], true);
+    }
+    return new Blob([view], { type: "image/x-exr" });
+  }
+  $("exr").addEventListener("click", () => {
+    const model = state.v === "flip" && flipped ? state.a : state.b, picture = (store.get(idOf(model)) || {}).picture;
+    if (!picture) { $("status").textContent = "The picture is not loaded."; return; }
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(exr(picture));
+    link.download = `${state.m}-${state.s}-${model}.exr`;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   });
   const reset = () => { flipped = false; change({ e: 0, z: 1, x: 0.5, y: 0.5, w: 0.5 }); };
   $("reset").addEventListener("click", reset);

@@ -44,7 +44,7 @@
       reference.querySelector("a").href = `../compare.html#m=${url(D.material)}&s=${url(scene)}`;
     }
   }
-  document.querySelectorAll("[data-switch] button").forEach((b) => b.addEventListener("click", () => requestAnimationFrame(grid)));
+  document.querySelectorAll("[data-switch] button").forEach((b) => b.addEventListener("click", grid)); // after that of page.js, which writes the choice to the address
   P.follow(grid);
   grid();
 
@@ -67,7 +67,7 @@
       curves.functions.forEach((f, i) => {
         const series = Object.entries(f.models).filter(([name]) => named.has(name) && !off.has(name)).map(([name, c]) => ({ name, title: named.get(name).title, index: named.get(name).index, values: c.x.map((x, n) => [x, c.y[n]]) }));
         C.lines(places[i], { series, xlabel: `${f.axis} (degrees)`, ylabel: f.unit ? `${f.title} (${f.unit})` : f.title, label: `${f.title} of the models that have it`, ykind: f.log ? "log" : "", xkind: f.axis === "θh" ? "root" : "", xticks: f.axis === "θh" ? [0, 1, 5, 15, 30, 60, 90] : [0, 30, 60, 90], xrange: [0, 90], height: 260 });
-        if (!series.length) places[i].textContent = "None of the chosen models has it.";
+        if (!series.length) places[i].textContent = "None of the selected models has this function.";
       });
       const values = (y) => curves.lobes.x[incidence].map((x, n) => [x, y[incidence][n]]);
       const series = order.filter((m) => !off.has(m.name)).map((m) => ({ name: m.name, title: m.title, index: m.index, values: values(curves.lobes.models[m.name]) }));

@@ -215,7 +215,7 @@ void main() {
 
   // --- tables ------------------------------------------------------------------------------------------------------------
   // brdfatlas.figures.tables: zlib of differences of logarithms, theta_h fastest; loaded once and kept.
-  const STEPS = 128, FLOOR = 1e-5, tables = new Map();
+  const STEPS = 64, FLOOR = 1e-5, tables = new Map();
   async function decode(cells, text) {
     const stream = new Blob([bytes(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
     const steps = new Int16Array(await new Response(stream).arrayBuffer()), n = steps.length / 3, width = cells[0];
@@ -402,7 +402,7 @@ void main() {
   function sync() {
     for (const [id, key] of Object.entries(FIELDS)) $(id).value = key === "n" ? state.n || state.m : state[key];
     $("stops").textContent = `${state.e > 0 ? "+" : ""}${+state.e.toFixed(2)} stops`.replace("-", "−");
-    ["left", "right"].forEach((id, side) => { $(id).textContent = shownAs(side); $(id).hidden = side ? state.w >= 1 : state.w <= 0; });
+    ["left", "right"].forEach((id, side) => { $(id).textContent = state.n ? shownAs(side) : titleOf(D.models, of(side)[1]); $(id).hidden = side ? state.w >= 1 : state.w <= 0; });
     canvas.setAttribute("aria-label", `Picture: ${shownAs(0)} beside ${shownAs(1)}; arrow keys turn the view, with Shift the light`);
     for (const [id, path] of [["material-page", `materials/${encodeURIComponent(state.m)}.html`], ["compare-page", `compare.html#${new URLSearchParams({ m: state.m, a: state.a, b: state.b })}`]]) $(id).href = path;
     choose(0); choose(1);
