@@ -136,6 +136,21 @@ def least_squares_weights(table: np.ndarray, objective: str) -> np.ndarray:
     return np.repeat(weight[..., None], 3, -1)
 
 
+def graded_weights(table: np.ndarray, objective: str, max_angle: float, grazing: float) -> np.ndarray:
+    """:func:`least_squares_weights`, but that the compressive metric counts in full within ``max_angle`` (radians) and
+    by ``grazing`` of its whole range beyond: 1 / (cos theta_i cos theta_o) would make the last degrees rule the fit,
+    which measurements know least. Under "e2", the weights of the optimum from which it starts, the compressive ones."""
+    if objective == "cosine":
+        return least_squares_weights(table, "cosine")
+    weights = grazing / (1 + grazing) * least_squares_weights(table, "compressive")
+    inner = compressive_weights(table, max_angle=max_angle)
+    for c in range(3):
+        rho = np.nan_to_num(table[..., c]).astype(float)
+        power = float(np.vdot(inner[..., c] * rho, rho))
+        weights[..., c] += inner[..., c] / (3 * (1 + grazing) * (power if power > 0 else 1.0))
+    return weights
+
+
 def log_deviation(a: np.ndarray, b: np.ndarray, min_cosine: float = 0.1) -> float:
     """mean |log1p(f cos) - log1p(g cos)| over cells where both tables are valid and both cosines exceed
     ``min_cosine``; cos is cos(theta_i). For two tables (90, 90, 180, 3) in 1/sr; symmetric, 0 for equal tables, NaN

@@ -101,6 +101,25 @@ def objective_option(default: str) -> Option:
     return Option(default, text, tuple(OBJECTIVE_NAMES))
 
 
+def grazing_options(grazing: float) -> dict[str, Option]:
+    """The options of models whose compressive metric counts in full within ``max_angle`` and by ``grazing`` beyond."""
+    return {
+        "max_angle": Option(
+            80.0,
+            "compressive only: theta_i, theta_o in degrees within which the metric counts in full; Bagher 2016 has "
+            "80 against 89 (Fig. 15)",
+            low=1.0,
+            high=89.0,
+        ),
+        "grazing": Option(
+            grazing,
+            "compressive only: weight of the same metric over all angles to 89 degrees, beside 1 for the metric within "
+            "max_angle; 1e6 leaves the metric as published",
+            low=0.0,
+        ),
+    }
+
+
 @dataclass(frozen=True)
 class Function:
     """One named function of a fit, for figures, exports and the viewer.

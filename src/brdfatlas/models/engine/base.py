@@ -20,11 +20,11 @@ import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, grid_cosines, phi_d_centres, theta_d_centres, theta_h_centres
 from brdfatlas.compiled import njit
-from brdfatlas.constants import OBJECTIVE_NAMES
+from brdfatlas.constants import MAX_ANGLE, OBJECTIVE_NAMES
 from brdfatlas.files import shortest_number
 from brdfatlas.measured import Measured
-from brdfatlas.models.base import FitError, Function, Model, Option, Parameters, Result
-from brdfatlas.objectives import e2_weights, least_squares_weights
+from brdfatlas.models.base import FitError, Function, Model, Option, Parameters, Result, grazing_options
+from brdfatlas.objectives import e2_weights, graded_weights
 from brdfatlas.solvers.least_squares import NoFiniteStartError, Solution, fit_nonlinear, latin_starts
 
 #: The complex step. Its error is of the order of its square, so it may be this small, and nothing cancels.
@@ -127,8 +127,9 @@ class Samples:
 class Grid:
     """A material's samples on the grid with an objective's weights, from which coarser :class:`Samples` are merged."""
 
-    def __init__(self, table: np.ndarray, objective: str) -> None:
-        """Raises ValueError where no sample counts."""
+    def __init__(self, table: np.ndarray, objective: str, max_angle: float = MAX_ANGLE, grazing: float = 0.0) -> None:
+        """``max_angle`` (radians) and ``grazing``: of the compressive metric (:func:`graded_weights`). Raises
+        ValueError where no sample counts."""
         half = grid_geometry()
         self.logarithm = objective == "e2"
         if self.logarithm:
@@ -137,7 +138,7 @@ class Grid:
             self.geometry = np.concatenate([half, mirrored], 2)
             self.weights, self.sums, self.power = _e2_sums(table)
             return
-        weights = least_squares_weights(table, objective)
+        weights = graded_weights(table, objective, max_angle, grazing)
         sums = weights * np.nan_to_num(table)
         self.power = float(np.einsum("hdpc,hdpc->", sums, np.nan_to_num(table)))
         self.geometry = half
@@ -179,7 +180,7 @@ class EngineModel(Model):
 
     #: (p, samples (n, 4), out (n, 3)): rgb in 1/sr at :func:`geometry`; p and out float64, or complex128 both
     kernel: ClassVar[Kernel]
-    options: ClassVar[Mapping[str, Option]] = {"objective": OBJECTIVE, "starts": STARTS}
+    options: ClassVar[Mapping[str, Option]] = {"objective": OBJECTIVE, **grazing_options(0.1), "starts": STARTS}
     #: parameters fitted by their logarithm, because they span decades
     logarithmic: ClassVar[tuple[str, ...]] = ()
     #: rgb parameters of which a channel changes the others' values
@@ -230,7 +231,8 @@ class EngineModel(Model):
         objective is finite nowhere."""
         chosen = self.check_options(options)
         try:
-            grid = Grid(measured.table, chosen["objective"])
+            limits = np.deg2rad(chosen["max_angle"]), chosen["grazing"]
+            grid = Grid(measured.table, chosen["objective"], *limits)
             space = Space(self, self.fixed(chosen))
             found, ends = self.best(space, grid, measured, chosen, seed)
         except (NoFiniteStartError, ValueError) as error:
@@ -240,6 +242,8 @@ class EngineModel(Model):
         if chosen["objective"] == "cosine":
             value = float(np.sqrt(value))
         name = OBJECTIVE_NAMES[chosen["objective"]]
+        if chosen["objective"] == "compressive":
+            name += f"; within {chosen['max_angle']:g} degrees, plus {chosen['grazing']:g} of that within 89"
         message = "; ".join(filter(None, [found.message, *self.warnings(parameters, chosen)]))
         details = {"starts": ends, "history": found.history, "bounds": self.at_bounds(parameters, chosen)}
         return Result(parameters, value, name, found.iterations, found.converged, message, details)

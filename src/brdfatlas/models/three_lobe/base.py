@@ -20,8 +20,18 @@ import numpy as np
 from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, half_difference
 from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
-from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter, Parameters, Result, objective_option
-from brdfatlas.objectives import compressive_weights, e2_weights, least_squares_weights
+from brdfatlas.models.base import (
+    FitError,
+    Model,
+    Option,
+    Paper,
+    Parameter,
+    Parameters,
+    Result,
+    grazing_options,
+    objective_option,
+)
+from brdfatlas.objectives import e2_weights, graded_weights
 from brdfatlas.sampling import Lobe, Mixture, mixture
 from brdfatlas.solvers.least_squares import (
     Moments,
@@ -78,19 +88,7 @@ class LobeModel(Model):
     unknowns: ClassVar[tuple[Unknown, ...]]
     options: ClassVar[Mapping[str, Option]] = {
         "objective": objective_option("compressive"),
-        "max_angle": Option(
-            80.0,
-            "compressive only: theta_i, theta_o in degrees within which the metric counts in full; Bagher 2016 has "
-            "80 against 89 (Fig. 15)",
-            low=1.0,
-            high=89.0,
-        ),
-        "grazing": Option(
-            0.02,
-            "compressive only: weight of the same metric over all angles to 89 degrees, beside 1 for the metric within "
-            "max_angle; 1e6 leaves the metric as published",
-            low=0.0,
-        ),
+        **grazing_options(0.02),
         "starts": Option(192, "how many starts are tried", low=1),
         "follow": Option(10, "how many of the best starts are followed to their minimum", low=1),
     }
@@ -116,7 +114,7 @@ class LobeModel(Model):
         """
         lower, upper = self.box("low"), self.box("high")
         try:
-            weights = objective_weights(measured.table, objective, np.deg2rad(max_angle), grazing)
+            weights = graded_weights(measured.table, objective, np.deg2rad(max_angle), grazing)
             problem = LobeProblem(self, measured.table, weights)
             found = fit_separable(
                 problem,
@@ -297,16 +295,3 @@ def lobe_columns(model: LobeModel, x: np.ndarray, derivatives: bool) -> np.ndarr
                     chain = values[unknown.name] if unknown.logarithmic else 1.0
                     columns[1 + row * N_LOBES + j, k] = slopes[unknown.name] * chain
     return columns
-
-
-def objective_weights(table: np.ndarray, objective: str, max_angle: float, grazing: float) -> np.ndarray:
-    """Weights whose weighted sum of squares is the objective; E2 starts from the compressive metric's optimum."""
-    if objective == "cosine":
-        return least_squares_weights(table, "cosine")
-    weights = grazing / (1 + grazing) * least_squares_weights(table, "compressive")
-    inner = compressive_weights(table, max_angle=max_angle)
-    for c in range(3):
-        rho = np.nan_to_num(table[..., c]).astype(float)
-        power = float(np.vdot(inner[..., c] * rho, rho))
-        weights[..., c] += inner[..., c] / (3 * (1 + grazing) * (power if power > 0 else 1.0))
-    return weights
