@@ -28,7 +28,7 @@ from brdfatlas.models.base import FitError
 if TYPE_CHECKING:
     from brdfatlas.rendering.images import Render
 
-#: What a user can mend: one line on stderr and exit status 1; anything else is our fault and keeps its traceback.
+#: What a user can repair: one line on stderr and exit status 1; anything else is our fault and keeps its traceback.
 USER_FAULTS = (MeasuredError, FitError, ValueError, KeyError, ImportError, OSError, MemoryError)
 #: Kinds of output that are text, which `-o -` writes to standard output.
 TEXT = ("JSON", "XML", "MaterialX")

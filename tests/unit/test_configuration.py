@@ -240,7 +240,7 @@ def test_files_on_which_no_fit_can_be_judged_are_left_out(tmp_path, good_file):
     assert "no valid cell with both directions within 89 degrees" in reasons["grazing"]
 
 
-def test_a_mended_file_is_checked_again(tmp_path, good_file):
+def test_a_repaired_file_is_checked_again(tmp_path, good_file):
     folder = tmp_path / "merl"
     folder.mkdir()
     (folder / "m.binary").write_bytes(b"")

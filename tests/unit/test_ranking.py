@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from brdfatlas.measures.errors import DETECTION, psnr
-from brdfatlas.measures.ranking import RANKED, TOLD_APART, best_rows, count_missing, told_apart
+from brdfatlas.measures.ranking import RANKED, SIGNIFICANT, best_rows, count_missing, significant
 
 INF = float("inf")
 
@@ -20,24 +20,24 @@ def reported(mse: float, error: float) -> tuple[float, float]:
 
 
 def test_the_order_of_two_errors_never_inverts_at_the_detection_limit():
-    """A smaller MSE is never told apart as the worse one, on whichever side of the limit the two lie."""
+    """A smaller MSE is never significantly worse, on whichever side of the limit the two lie."""
     grid = [(mse, error) for error in (1e-5, 1e-4) for mse in error * np.linspace(-1, 6, 57)]
     for (mse, error), (other, _) in itertools.product(grid, grid):
         if mse >= other:
             continue
         (a, a_error), (b, b_error) = reported(mse, error), reported(other, error)
         if a < b:
-            assert not told_apart(a, a_error, b, b_error)
+            assert not significant(a, a_error, b, b_error)
 
 
 def test_telling_apart_is_symmetric_and_needs_two_joint_errors():
     rng = np.random.default_rng(0)
     a, b = rng.uniform(20, 60, (2, 500))
     a_error, b_error = np.where(rng.random((2, 500)) < 0.2, INF, rng.uniform(0, 5, (2, 500)))
-    np.testing.assert_array_equal(told_apart(a, a_error, b, b_error), told_apart(b, b_error, a, a_error))
+    np.testing.assert_array_equal(significant(a, a_error, b, b_error), significant(b, b_error, a, a_error))
     finite = np.isfinite(a_error + b_error)
-    expected = np.abs(a - b) > TOLD_APART * np.hypot(a_error, b_error)
-    np.testing.assert_array_equal(told_apart(a, a_error, b, b_error)[finite], expected[finite])
+    expected = np.abs(a - b) > SIGNIFICANT * np.hypot(a_error, b_error)
+    np.testing.assert_array_equal(significant(a, a_error, b, b_error)[finite], expected[finite])
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_telling_apart_is_symmetric_and_needs_two_joint_errors():
     ],
 )
 def test_bounds_and_exact_matches(a, b, apart):
-    assert told_apart(*a, *b) == apart
+    assert significant(*a, *b) == apart
 
 
 def table(rows) -> pd.DataFrame:
@@ -62,7 +62,7 @@ def table(rows) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def test_the_best_of_a_picture_is_shared_by_all_that_are_not_told_apart_from_it():
+def test_the_best_of_a_picture_is_shared_by_all_that_are_indistinguishable_from_it():
     rows = [
         ("a", "top", "s", "ok", 50.0, 0.3),
         ("a", "near", "s", "ok", 49.5, 0.3),
@@ -101,7 +101,7 @@ def shared_noise(rng, truth=(3.0, 3.2), common=0.3, own=0.02):
     return errors, pairs
 
 
-def test_models_of_one_picture_are_told_apart_by_the_error_of_their_difference():
+def test_models_of_one_picture_differ_by_the_error_of_their_difference():
     """A difference of 7 of its own standard errors, half of one of two independent ones."""
     rng = np.random.default_rng(1)
     for _ in range(20):
@@ -110,7 +110,7 @@ def test_models_of_one_picture_are_told_apart_by_the_error_of_their_difference()
         assert list(best_rows(errors, ["x", "y"], measure="de00_mean")["model"]) == ["x", "y"]
 
 
-def test_equal_models_are_not_told_apart_by_the_error_of_their_difference():
+def test_equal_models_do_not_differ_by_the_error_of_their_difference():
     rng, wrong = np.random.default_rng(2), 0
     for _ in range(400):
         errors, pairs = shared_noise(rng, truth=(3.0, 3.0))

@@ -101,8 +101,8 @@ def test_the_renderer_shows_light_first(name, fits):
     expected, reversed_ = fits[name].evaluate(light, view), fits[name].evaluate(view, light)
     error = np.abs(got - expected) / np.maximum(expected, 1e-3)
     assert np.quantile(error, 0.95) < 0.01
-    told_apart = np.abs(reversed_ - expected) / np.maximum(expected, 1e-3)
-    assert np.quantile(told_apart, 0.5) > 3 * np.quantile(error, 0.5)
+    unlike = np.abs(reversed_ - expected) / np.maximum(expected, 1e-3)
+    assert np.quantile(unlike, 0.5) > 3 * np.quantile(error, 0.5)
 
 
 def test_the_merl_table_of_such_a_model_is_the_mean_of_both_orders(fits):

@@ -150,7 +150,7 @@ CUBE_FACES = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
 CUBE_FACES += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
 
 
-def test_meshes_are_checked_and_mended(tmp_path):
+def test_meshes_are_checked_and_repaired(tmp_path):
     variant()
     _ply(tmp_path / "cube.ply", CUBE, CUBE_FACES)
     vertices, faces, normals, _ = read_mesh(str(tmp_path / "cube.ply"), "key")

@@ -60,7 +60,7 @@ IMAGE_MEASURES = (
 #: Standard errors among them: of a measure of one image, and in the tables of pairs of a difference.
 PAIR_ERRORS = tuple(measure.error for measure in RANKED.values())
 BRDF_MEASURES = ("objective_compressive", "loew_e2", "cosine_weighted", "log_deviation")
-#: An estimate of the MSE below this many standard errors is not told apart from zero; PSNR is then a lower bound.
+#: An estimate of the MSE below this many standard errors is indistinguishable from zero; PSNR is then a lower bound.
 DETECTION = 2.0
 #: Pixels a degree of visual angle for FLIP, its default.
 FLIP_SCALE = 67.0

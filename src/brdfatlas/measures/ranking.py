@@ -1,4 +1,4 @@
-"""What the noise of the renders tells apart, for the chosen measure: for tables and pages alike (docs/errors.md)."""
+"""Which differences exceed the noise of the renders, for tables and pages alike (docs/errors.md)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 #: Standard errors of their difference that two values must lie apart.
-TOLD_APART = 2.0
+SIGNIFICANT = 2.0
 PICTURE = ["material", "scene"]
 
 
@@ -46,21 +46,22 @@ RANKED = {
 LEADING = "de00_mean"
 
 
-def told_apart(
+def significant(
     a: np.ndarray, a_error: np.ndarray, b: np.ndarray, b_error: np.ndarray, joint: np.ndarray | float = np.nan
 ) -> np.ndarray:
     """Whether values ``a`` and ``b`` differ by more than 2 standard errors of their difference, elementwise.
 
     ``joint``: that standard error, which models of one picture have of their own because they share random numbers
     (:func:`.errors.material_errors`); where it is NaN the two errors are taken as independent. An infinite error marks
-    a lower bound (PSNR, :func:`.errors.linear_errors`): nothing above it is told apart from it, and what lies below
-    is so by its own error alone, the bound being 2 standard errors low already. An unknown error (NaN) counts as 0.
+    a lower bound (PSNR, :func:`.errors.linear_errors`): nothing above it differs significantly from it, and
+    what lies below does by its own error alone, the bound being 2 standard errors low already. An unknown error (NaN)
+    counts as 0.
     """
     a, a_error, b, b_error = (np.asarray(x, float) for x in (a, a_error, b, b_error))
     lower, higher = np.where(a < b, a_error, b_error), np.where(a < b, b_error, a_error)
     known = np.isfinite(lower) & np.isfinite(higher) & np.isfinite(joint)
     lower, higher = np.where(np.isnan(lower), 0, lower), np.where(np.isfinite(higher), higher, 0)
-    return np.abs(subtract(a, b)) > TOLD_APART * np.where(known, joint, np.hypot(lower, higher))
+    return np.abs(subtract(a, b)) > SIGNIFICANT * np.where(known, joint, np.hypot(lower, higher))
 
 
 def subtract(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -90,7 +91,7 @@ def best_rows(
     errors: pd.DataFrame, models: Sequence[str], *, measure: str, pairs: pd.DataFrame | None = None
 ) -> pd.DataFrame:
     """Rows of the models that are best on a picture (material, scene) by ``measure``, a key of :data:`RANKED`: the best
-    value, and all not told apart from it. ``pairs``: rows of results/errors/*/pairs.tsv."""
+    value, and all statistically indistinguishable from it. ``pairs``: rows of results/errors/*/pairs.tsv."""
     ranked = RANKED[measure]
     rows = judged(errors, models, measure).reset_index(drop=True)
     if rows.empty:
@@ -102,7 +103,7 @@ def best_rows(
         [rows["material"], rows["scene"], rows["model"], rows["model"].to_numpy()[first]],
     )
     joint = joint_errors(pairs, measure).reindex(asked).to_numpy(float)
-    return rows[~told_apart(value[first], error[first], value, error, joint)]
+    return rows[~significant(value[first], error[first], value, error, joint)]
 
 
 def count_missing(errors: pd.DataFrame, models: Sequence[str]) -> dict[str, int]:

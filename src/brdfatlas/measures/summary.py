@@ -162,7 +162,7 @@ def best_of(values: Mapping[str, float | None], measure: Measure) -> list[str]:
 def best_by_noise(
     errors: pd.DataFrame, models: Sequence[str], measure: Measure, pairs: pd.DataFrame | None = None
 ) -> pd.DataFrame:
-    """Rows of the models that are best on a picture: all that the noise of the renders does not tell apart from the
+    """Rows of the models that are best on a picture: all that are statistically indistinguishable from the
     best where the measure has a standard error (``pairs``: those of differences), and all that print like it."""
     good = errors[(errors["status"] == "ok") & errors["model"].isin(list(models))]
     if measure.key not in good or good.empty:

@@ -22,8 +22,8 @@ from brdfatlas.measures.ranking import (
     count_missing,
     joint_errors,
     judged,
+    significant,
     subtract,
-    told_apart,
 )
 from brdfatlas.measures.tsv import read_tsv, write_tsv
 from brdfatlas.models.published import published_means, published_names, published_psnr
@@ -119,7 +119,7 @@ def count_wins(
 
     Columns: measure, model, other, class, count, wins, ties, losses, materials, mean_difference, se_difference. A
     render counts where both models have one; an error more than ``tie_db`` below the other's
-    (:meth:`.ranking.Ranked.margin`) wins if the noise tells the two apart (:func:`.ranking.told_apart`, by the standard
+    (:meth:`.ranking.Ranked.margin`) wins if the two differ significantly (:func:`.ranking.significant`, by the standard
     errors of their differences in ``pairs``). The mean difference (model minus other, in the measure's unit) is over
     materials, each averaged over its scenes first, with the standard error of that mean by the spread over materials;
     in PSNR a difference to a lower bound below counts as 0, and it is infinite where one PSNR is.
@@ -138,7 +138,7 @@ def count_wins(
             a_error, b_error = errors_of.loc[both, model].to_numpy(), errors_of.loc[both, other].to_numpy()
             asked = pd.MultiIndex.from_tuples([(*picture, model, other) for picture in values.index[both]])
             own = joint.reindex(asked).to_numpy() if len(joint) and len(asked) else np.nan
-            apart, margin = told_apart(a, a_error, b, b_error, own), ranked.margin(a, b)
+            apart, margin = significant(a, a_error, b, b_error, own), ranked.margin(a, b)
             difference = subtract(a, b)
             bounded = np.isinf(np.where(a < b, a_error, b_error))
             margin, difference = np.where(bounded, 0.0, margin), np.where(bounded, 0.0, difference)

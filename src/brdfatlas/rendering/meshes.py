@@ -1,4 +1,4 @@
-"""Triangle meshes from .ply and .obj files: parsed here, checked and mended.
+"""Triangle meshes from .ply and .obj files: parsed here, checked and repaired.
 
 No native reader sees a file: an index or a count that lies ends in a message, not in the process.
 """
@@ -35,7 +35,7 @@ class _Parsed:
 
 
 def read_mesh(path: str, key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
-    """Vertices (n, 3) float, triangles (m, 3) uint32, unit vertex normals (n, 3), and notes on what was mended.
+    """Vertices (n, 3) float, triangles (m, 3) uint32, unit vertex normals (n, 3), and notes on what was repaired.
 
     Polygons become fans of triangles. Degenerate triangles are dropped; normals that the file lacks are computed,
     weighted by angles. Raises MeshError naming ``key`` and the file: missing, of another format, unreadable, without
@@ -59,12 +59,12 @@ def read_mesh(path: str, key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
         reason = " ".join(str(error).split())
         raise MeshError(f"{key}: {path}: cannot be read, truncated or damaged ({reason})") from None
     try:
-        return _mended(mesh)
+        return _repaired(mesh)
     except ValueError as error:
         raise MeshError(f"{key}: {path}: {error}") from None
 
 
-def _mended(mesh: _Parsed) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
+def _repaired(mesh: _Parsed) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
     """What :func:`read_mesh` returns. ValueError for a mesh that cannot be used."""
     vertices, faces, stored = mesh.vertices, mesh.faces, mesh.normals
     if not len(faces) or not len(vertices):
@@ -84,7 +84,7 @@ def _mended(mesh: _Parsed) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str
     if degenerate.any():
         if degenerate.mean() > MOST_DEGENERATE:
             share = f"{degenerate.sum():,} of {len(faces):,} triangles"
-            raise ValueError(f"{share} are degenerate (no area); mend the mesh")
+            raise ValueError(f"{share} are degenerate (no area); repair the mesh")
         faces = faces[~degenerate]
         notes.append(f"{degenerate.sum():,} degenerate triangles dropped")
     used = np.zeros(len(vertices), bool)

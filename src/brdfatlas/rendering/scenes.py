@@ -171,7 +171,7 @@ def load_scene(path: str | Path) -> PreparedScene:
 
 
 def load_meshes(scene: Mapping[str, Any], where: str) -> tuple[tuple[Mesh, ...], tuple[str, ...]]:
-    """Statues and meshes of a scene, placed; and notes on what had to be mended. SceneError as in the module."""
+    """Statues and meshes of a scene, placed; and notes on what had to be repaired. SceneError as in the module."""
     from brdfatlas.rendering.meshes import MeshError, read_mesh
     from brdfatlas.rendering.statue import statue_mesh
 
@@ -182,10 +182,10 @@ def load_meshes(scene: Mapping[str, Any], where: str) -> tuple[tuple[Mesh, ...],
             vertices, faces, normals = statue_mesh()
         elif shape["shape"] == "mesh":
             try:
-                vertices, faces, normals, mended = read_mesh(shape["file"], key)
+                vertices, faces, normals, repaired = read_mesh(shape["file"], key)
             except MeshError as error:
                 raise SceneError(str(error)) from None
-            notes += [f"{key}: {shape['file']}: {note}" for note in mended]
+            notes += [f"{key}: {shape['file']}: {note}" for note in repaired]
         else:
             continue
         low, high = vertices.min(0), vertices.max(0)

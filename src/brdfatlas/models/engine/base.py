@@ -160,7 +160,7 @@ class Grid:
 
     @property
     def full(self) -> Samples:
-        """Nothing merged that the model tells apart."""
+        """Only cells merged whose values the model cannot distinguish."""
         return self.merged(1, self.geometry.shape[2])
 
 

@@ -121,7 +121,7 @@
   }
   const luminance = (rgb) => { const [r, g, b] = rgb.map((c) => { c /= 255; return c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4; }); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
   const BEST = new Set(A.best);
-  // The best PSNRs of a picture: all that the noise does not tell apart from the highest; else all that print alike.
+  // The best PSNRs of a picture: all that are statistically indistinguishable from the highest; else all that print alike.
   function isBest(j, k, v, top) {
     const s = A.scenes.length > 1 ? A.scenes.findIndex((x) => x.name === $("scene").value) : 0;
     return measure().key === "psnr_db" && s >= 0 ? BEST.has((s * J + j) * K + k) : text(v) === text(top);
