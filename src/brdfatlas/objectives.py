@@ -180,6 +180,12 @@ def e2_weights(valid: np.ndarray, max_angle: float = E2_ANGLE) -> np.ndarray:
     return weights / total
 
 
+def within(table: np.ndarray, max_angle: float) -> np.ndarray:
+    """``table`` (90, 90, 180, 3) without the samples whose theta_i or theta_o exceeds ``max_angle`` (radians): NaN."""
+    outside = np.minimum(*grid_cosines()) < np.cos(max_angle)
+    return np.where(outside[..., None], np.float32(np.nan), table)
+
+
 def loew_e2(a: np.ndarray, b: np.ndarray, max_angle: float = E2_ANGLE) -> float:
     """Löw et al. 2012, E2: mean over direction pairs (:func:`e2_weights`) of the squared difference of
     ln(1 + rho cos theta_i), summed over rgb; both tables (90, 90, 180, 3), 1/sr, NaN for invalid."""

@@ -23,18 +23,28 @@ from brdfatlas.compiled import njit
 from brdfatlas.constants import MAX_ANGLE, OBJECTIVE_NAMES
 from brdfatlas.files import shortest_number
 from brdfatlas.measured import Measured
-from brdfatlas.models.base import FitError, Function, Model, Option, Parameters, Result, grazing_options
-from brdfatlas.objectives import e2_weights, graded_weights
+from brdfatlas.models.base import (
+    FitError,
+    Function,
+    Model,
+    Option,
+    Parameters,
+    Result,
+    grazing_options,
+    objective_option,
+)
+from brdfatlas.objectives import e2_weights, graded_weights, within
 from brdfatlas.solvers.least_squares import NoFiniteStartError, Solution, fit_nonlinear, latin_starts
 
 #: The complex step. Its error is of the order of its square, so it may be this small, and nothing cancels.
 STEP = 1e-30
-OBJECTIVE = Option(
-    "compressive",
-    "what is minimised: Bagher 2016's compressive metric, Löw 2012's E2, or Ngan 2005's cosine-weighted metric",
-    tuple(OBJECTIVE_NAMES),
-)
 STARTS = Option(96, "points at which a descent may start", low=1, high=10_000)
+MAX_ANGLE_OPTION = Option(
+    80.0,
+    "theta_i, theta_o in degrees: under e2 samples within count, under compressive they count in full",
+    low=1.0,
+    high=89.0,
+)
 #: Coarse and fine cells: so many neighbours in theta_d are merged, and so many cells of phi_d are left.
 COARSE, FINE = (6, 3), (2, 9)
 
@@ -180,7 +190,12 @@ class EngineModel(Model):
 
     #: (p, samples (n, 4), out (n, 3)): rgb in 1/sr at :func:`geometry`; p and out float64, or complex128 both
     kernel: ClassVar[Kernel]
-    options: ClassVar[Mapping[str, Option]] = {"objective": OBJECTIVE, **grazing_options(0.1), "starts": STARTS}
+    options: ClassVar[Mapping[str, Option]] = {
+        "objective": objective_option("compressive"),
+        **grazing_options(0.1),
+        "max_angle": MAX_ANGLE_OPTION,
+        "starts": STARTS,
+    }
     #: parameters fitted by their logarithm, because they span decades
     logarithmic: ClassVar[tuple[str, ...]] = ()
     #: rgb parameters of which a channel changes the others' values
@@ -231,8 +246,9 @@ class EngineModel(Model):
         objective is finite nowhere."""
         chosen = self.check_options(options)
         try:
-            limits = np.deg2rad(chosen["max_angle"]), chosen["grazing"]
-            grid = Grid(measured.table, chosen["objective"], *limits)
+            limit = np.deg2rad(chosen["max_angle"])
+            table = within(measured.table, limit) if chosen["objective"] == "e2" else measured.table
+            grid = Grid(table, chosen["objective"], limit, chosen["grazing"])
             space = Space(self, self.fixed(chosen))
             found, ends = self.best(space, grid, measured, chosen, seed)
         except (NoFiniteStartError, ValueError) as error:
@@ -244,6 +260,8 @@ class EngineModel(Model):
         name = OBJECTIVE_NAMES[chosen["objective"]]
         if chosen["objective"] == "compressive":
             name += f"; within {chosen['max_angle']:g} degrees, plus {chosen['grazing']:g} of that within 89"
+        elif chosen["objective"] == "e2":
+            name += f"; both directions within {chosen['max_angle']:g} degrees"
         message = "; ".join(filter(None, [found.message, *self.warnings(parameters, chosen)]))
         details = {"starts": ends, "history": found.history, "bounds": self.at_bounds(parameters, chosen)}
         return Result(parameters, value, name, found.iterations, found.converged, message, details)

@@ -9,7 +9,7 @@ import numpy as np
 from brdfatlas.angles import theta_d_centres
 from brdfatlas.compiled import njit
 from brdfatlas.microfacet import schlick
-from brdfatlas.models.base import Parameter
+from brdfatlas.models.base import Option, Parameter, objective_option
 from brdfatlas.models.engine.base import (
     EngineModel,
     Grid,
@@ -57,6 +57,7 @@ class Ggx2Diffuse(EngineModel):
         Parameter("share", (1,), "share s of the second lobe", "", 0.0, 1.0),
     )
     kernel = ggx2_diffuse
+    options: ClassVar[Mapping[str, Option]] = EngineModel.options | {"objective": objective_option("e2")}
     logarithmic = ("alpha",)
     start_ranges: ClassVar[Mapping[str, tuple[float, float]]] = {
         "alpha": (2e-3, 0.8),

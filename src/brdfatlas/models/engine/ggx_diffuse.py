@@ -8,7 +8,7 @@ import numpy as np
 from brdfatlas.angles import theta_d_centres
 from brdfatlas.compiled import njit
 from brdfatlas.microfacet import schlick
-from brdfatlas.models.base import Paper, Parameter
+from brdfatlas.models.base import Option, Paper, Parameter, objective_option
 from brdfatlas.models.engine.base import EngineModel, fifth, ggx, microfacet_functions, visible_correlated
 from brdfatlas.sampling import Diffuse, GgxLobe, Mixture
 
@@ -53,6 +53,7 @@ class GgxDiffuse(EngineModel):
         Parameter("alpha", (1,), "width of the lobe, the square of an artist's roughness", "", 1e-3, 1.0),
     )
     kernel = ggx_diffuse
+    options: ClassVar[Mapping[str, Option]] = EngineModel.options | {"objective": objective_option("e2")}
     logarithmic = ("alpha",)
     start_ranges: ClassVar[Mapping[str, tuple[float, float]]] = {"alpha": (2e-3, 0.8)}
 

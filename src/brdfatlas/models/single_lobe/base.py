@@ -18,7 +18,7 @@ from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.microfacet import v_groove
 from brdfatlas.models.base import FitError, Model, Option, Parameters, Result
-from brdfatlas.objectives import e2_weights, least_squares_weights
+from brdfatlas.objectives import e2_weights, least_squares_weights, within
 from brdfatlas.solvers.least_squares import (
     Moments,
     NoFiniteStartError,
@@ -86,8 +86,7 @@ class SingleLobeModel(Model):
         """
         chosen = self.check_options(options)
         objective, limit = chosen["objective"], chosen["max_angle"]
-        outside = np.minimum(*grid_cosines()) < np.cos(np.deg2rad(limit))
-        table = np.where(outside[..., None], np.float32(np.nan), measured.table) if limit < 90 else measured.table
+        table = within(measured.table, np.deg2rad(limit)) if limit < 90 else measured.table
         try:
             if objective == "e2":
                 found, starts = self._fit_e2(table, seed)
