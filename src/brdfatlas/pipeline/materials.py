@@ -15,7 +15,7 @@ from brdfatlas.measured import MeasuredError
 from brdfatlas.objectives import importance_weight
 from brdfatlas.pipeline.configuration import choose
 from brdfatlas.pipeline.standins import standin_names
-from brdfatlas.settings import NAME, ConfigError
+from brdfatlas.settings import LONGEST_NAME, NAME, ConfigError
 
 #: Of what :func:`_fault` looks for: verdicts of an older one are not believed.
 EDITION = 3
@@ -26,7 +26,6 @@ RESERVED = frozenset(
     {"ablation", "assets", "checks", "compare", "index", "model", "models", "reference", "reference_again", "run"}
     | {"scenes", "standings", "summary", "supplement", "tables", "viewer"}
 )
-LONGEST_NAME = 80
 
 
 @dataclass(frozen=True)
