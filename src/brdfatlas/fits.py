@@ -170,6 +170,16 @@ def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -
     return fitted
 
 
+def load_reported(path: str | os.PathLike, report: Mapping[str, Any]) -> Fit:
+    """A fit of a run; ValueError if it is not the one that its report is about, such as a file copied over it."""
+    fitted = load_fit(path)
+    for key in ("entry", "material"):
+        if getattr(fitted, key) != report.get(key, getattr(fitted, key)):
+            fault = f"a fit of {fitted.entry} to {fitted.material}, its report is about another ({report[key]})"
+            raise ValueError(f"{shown(path)}: {fault}; delete it, the next run makes it again")
+    return fitted
+
+
 def _fit_of(store: dict[str, np.ndarray]) -> Fit:
     """The fit in the arrays of an npz file. ValueError if they are none."""
     labels: dict[str, Any] = {}
