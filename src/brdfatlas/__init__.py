@@ -12,6 +12,7 @@ The public interface is small and stable::
 ``brdfatlas.MODELS`` maps names to models. ``brdfatlas.rendering.register()`` adds the Mitsuba plugin.
 """
 
+from brdfatlas import interrupts  # noqa: F401  first: it counts for the imports below
 from brdfatlas.fits import Fit, fit, load_fit
 from brdfatlas.formats.merl import read as read_merl
 from brdfatlas.formats.merl import write_merl

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 import brdfatlas
+from brdfatlas import interrupts
 from brdfatlas.angles import above_horizon
 from brdfatlas.files import ENDINGS, FileFault, check_output, check_regular, plain, shown
 from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
@@ -286,10 +287,26 @@ def export_command(args: argparse.Namespace) -> dict[str, Any]:
 
     fitted = with_report(load_fit(args.fit, args.source), args.fit)
     target = "sampler" if args.sampler else args.to
+    if target == "mitsuba" and args.output != "-" and not args.force:
+        check_beside(fitted, Path(args.output).with_suffix(".npz"))
     files = export(fitted, target, args.output)
     if not args.json:
         say(f"{', '.join(map(str, files))}: {args.fit} for {target}")
     return {"fit": args.fit, "output": args.output, "target": target, "files": files}
+
+
+def check_beside(fitted: Fit, beside: Path) -> None:
+    """Refuse to write a fit beside its export over a file that nobody named, unless that holds the same fit."""
+    from brdfatlas.export.mitsuba import mitsuba_dict
+
+    if mitsuba_dict(fitted)["type"] == "brdfatlas" and os.path.lexists(beside):
+        with contextlib.suppress(ValueError):
+            if load_fit(beside, fitted.source) == fitted:
+                return
+        raise FileFault(
+            f"{shown(beside)}: exists and is another file, the fit is written there beside the export; "
+            "name another output, or replace it by --force"
+        )
 
 
 def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
@@ -579,6 +596,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with contextlib.suppress(AttributeError):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files that are no text in this locale
     try:
+        interrupts.as_exceptions()
         args = parser().parse_args(argv)
         run(args)
     except BrokenPipeError:

@@ -1,5 +1,6 @@
 """Files appear whole or not at all; npz files hold no pickles and no clock; nothing is read that is no regular file."""
 
+import errno
 import hashlib
 import json
 import math
@@ -37,6 +38,10 @@ _MAGIC = {
     ".png": b"\x89PNG",
     ".binary": np.array([90, 90, 180], "<i4").tobytes(),
 }
+
+
+#: A write that fails for these numbers fails for the disk's sake.
+_DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 
 
 class FileFault(ValueError):
@@ -123,6 +128,15 @@ def _ours(path: Path, kind: str) -> bool:
         return not set(ENDINGS[kind]) & set(_MAGIC) and b"brdfatlas" in head
 
 
+def _disk_fault(error: OSError | RuntimeError) -> int:
+    """The number of a fault of the disk, 0 for any other. OpenEXR and NumPy state it in words, and nobody the file."""
+    if getattr(error, "errno", None) in _DISK_FAULTS:
+        return error.errno  # type: ignore[union-attr,return-value]
+    if "Not enough free space" in str(error):
+        return errno.ENOSPC
+    return next((number for number in _DISK_FAULTS if os.strerror(number) in str(error)), 0)
+
+
 @contextmanager
 def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
     """A temporary path beside ``path`` that becomes ``path`` when the block ends well and vanishes when it fails.
@@ -141,6 +155,11 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
         os.replace(temporary, path)
+    except (OSError, RuntimeError) as error:
+        number = _disk_fault(error)
+        if number:
+            raise OSError(number, os.strerror(number), os.fspath(path)) from None
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

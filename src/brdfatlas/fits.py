@@ -166,7 +166,17 @@ def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -
         raise ValueError(f"{name}: cannot be read ({error.strerror or error})") from None
     except ValueError as error:
         raise ValueError(f"{name}: not a brdfatlas fit ({str(error).removeprefix(f'{name}: ')})") from None
-    check_fit(fitted, path)
+    check_fit(fitted, path, trusted=bool(source))
+    return fitted
+
+
+def load_reported(path: str | os.PathLike, report: Mapping[str, Any]) -> Fit:
+    """A fit of a run; ValueError if it is not the one that its report is about, such as a file copied over it."""
+    fitted = load_fit(path)
+    for key in ("entry", "material"):
+        if getattr(fitted, key) != report.get(key, getattr(fitted, key)):
+            fault = f"a fit of {fitted.entry} to {fitted.material}, its report is about another ({report[key]})"
+            raise ValueError(f"{shown(path)}: {fault}; delete it, the next run makes it again")
     return fitted
 
 
@@ -190,12 +200,16 @@ def _fit_of(store: dict[str, np.ndarray]) -> Fit:
     return Fit(parameters=parts["parameter"], options=options, **labels)
 
 
-def check_fit(fitted: Fit, path: str | os.PathLike) -> None:
+def check_fit(fitted: Fit, path: str | os.PathLike, *, trusted: bool = False) -> None:
     """Check what was read from ``path`` against what its model states of itself: options, names, types, shapes, ranges.
 
-    Raises ValueError, one line that names the file and the first fault.
+    The Python file that a fit names is run only where the user named it as well (``trusted``) or it lies below the
+    working directory. Raises ValueError, one line that names the file and the first fault.
     """
     name = shown(path)
+    if fitted.source and not trusted and not MODELS.trusts(fitted.source):
+        fault = f"its model's file {shown(fitted.source)} is outside the working directory and is not run unasked"
+        raise ValueError(f"{name}: {fault}; if you trust it, name it: source=FILE.py, or --source FILE.py")
     try:
         model = fitted.instance
     except (KeyError, ImportError) as error:

@@ -10,9 +10,14 @@ Fits run in worker processes. So a script keeps its own code behind ``if __name_
 
 import multiprocessing
 import os
+import signal
+import tempfile
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,12 +81,24 @@ class Recommendation:
     def save(self, folder: str | os.PathLike) -> list[Path]:
         """Write the winner's fit and all its exports (a MERL table has ``brdfatlas table``), a picture of the material
         beside it, and the table; returns the files. ValueError without a winner."""
-        from brdfatlas.export.targets import ENDINGS, export, targets_of
-
         if self.winner is None:
             raise ValueError(f"{self.material}: no model meets the conditions, there is nothing to write")
-        chosen = self.fits[self.winner.model]
         folder = Path(folder)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        # A full disk or an interrupt leaves the folder as it was, not with half of the files.
+        with tempfile.TemporaryDirectory(prefix=".recommend.", dir=folder.parent) as staged:
+            files = self._write(Path(staged))
+            folder.mkdir(exist_ok=True)
+            for path in files:
+                os.replace(path, folder / path.name)
+        return [folder / path.name for path in files]
+
+    def _write(self, folder: Path) -> list[Path]:
+        """Write what :meth:`save` says into an empty folder."""
+        from brdfatlas.export.targets import ENDINGS, export, targets_of
+
+        assert self.winner is not None
+        chosen = self.fits[self.winner.model]
         stem = folder / f"{self.material}-{self.winner.model}"
         more = {"dE00 after rendering": f"{self.winner.de00:.3f} (scene {SCENE})"}
         fit_file = Path(f"{stem}.npz")
@@ -173,6 +190,26 @@ def _remember(measured: Measured) -> None:
     _measured = measured
 
 
+def _start_worker(measured: Measured) -> None:
+    """A worker ends with the process that it works for, also where that is killed."""
+    _remember(measured)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """What is started in the block never sees Ctrl-C, which a terminal sends to every process; one that comes
+    meanwhile reaches this process afterwards."""
+    resource_tracker.ensure_running()  # else the first worker starts it, which lets interrupts through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _fit_one(entry: Entry, seed: int) -> tuple[str, Fit | str]:
     """A fit, or in one line why there is none: a model that fails must not hide what the others can do."""
     assert _measured is not None
@@ -194,9 +231,16 @@ def _fit_all(
         yield from (_fit_one(entry, seed) for entry in order)
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(processes, len(order)), context, _remember, (measured,)) as pool:
-        futures = [pool.submit(_fit_one, entry, seed) for entry in order]
-        yield from (future.result() for future in as_completed(futures))
+    others = set(multiprocessing.active_children())
+    with ProcessPoolExecutor(min(processes, len(order)), context, _start_worker, (measured,)) as pool:
+        try:
+            with _without_interrupts():
+                futures = [pool.submit(_fit_one, entry, seed) for entry in order]
+            yield from (future.result() for future in as_completed(futures))
+        except BaseException:  # nobody waits for the rest
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.terminate()
+            raise
 
 
 # Pictures --------------------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from brdfatlas.files import check_regular
 #: The package's own config/ and workflow/schemas/: links in a checkout, copies in an installed package.
 CONFIG, SCHEMAS = (Path(__file__).with_name(name) for name in ("config", "schemas"))
 #: Names that become folders, wildcards and addresses: nothing that a shell, a path or a page could misread.
+LONGEST_NAME = 80
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\Z")
 
 
@@ -126,4 +127,6 @@ def check_name(name: str, source: str) -> str:
     """``name`` if it can be a folder, a wildcard and a page; else ConfigError."""
     if not isinstance(name, str) or not NAME.match(name):
         raise ConfigError(f"{source}: {name!r} is not a usable name: letters, digits, '.', '_' and '-' only")
+    if len(name) > LONGEST_NAME:
+        raise ConfigError(f"{source}: {name[:20]}...: a name has at most {LONGEST_NAME} characters; shorten it")
     return name

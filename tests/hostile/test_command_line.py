@@ -1,9 +1,11 @@
 """Arguments, help, interrupts and pipes; and directions that are none."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -263,3 +265,57 @@ def test_negative_numbers_stay_numbers(tmp_path):
     write_tsv(tmp_path / "a.tsv", pd.DataFrame({"material": ["x"], "psnr": [-1.5]}))
     assert read_tsv(tmp_path / "a.tsv")["psnr"][0] == -1.5
     assert "'" not in (tmp_path / "a.tsv").read_text()
+
+
+@pytest.mark.parametrize(("program", "words"), [("/usr/bin/brdfatlas", ""), ("mine.py", "KeyboardInterrupt")])
+def test_an_interrupt_of_the_imports_ends_the_command_alone_quietly(program, words):
+    code = f"import os, sys; sys.argv = [{program!r}]; import brdfatlas; os.kill(os.getpid(), 2)"
+    process = in_a_process(code)
+    out, err = process.communicate()
+    assert (process.returncode, out) == (-signal.SIGINT, "")
+    assert bool(err) == bool(words)
+    assert words in err
+
+
+WORKERS = """
+import os, signal, sys, time
+from brdfatlas.recommend import _fit_all
+class Slow:
+    name, bytes = "slow", 1
+    def __reduce__(self):
+        return time.sleep, (600,)
+if __name__ == "__main__":
+    try:
+        for _ in _fit_all(None, [Slow(), Slow()], 0, 2):
+            pass
+    except KeyboardInterrupt:
+        print("ended", file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_workers_of_a_recommendation_end_with_it(tmp_path, number):
+    """Ctrl-C, which reaches them too, is a line and not a traceback of each; a killed command leaves none behind."""
+    (tmp_path / "workers.py").write_text(WORKERS)
+    env = os.environ | {"PYTHONPATH": str(Path(brdfatlas.__file__).parents[1])}
+    process = subprocess.Popen(
+        [sys.executable, tmp_path / "workers.py"], env=env, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+    def workers():
+        told = subprocess.run(["pgrep", "-g", str(process.pid), "-f", "spawn_main"], capture_output=True, text=True)
+        return told.stdout.split()
+
+    try:
+        deadline = time.monotonic() + 60
+        while len(workers()) < 2:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
+        _, err = process.communicate(timeout=60)  # waits for the workers, which hold its stderr
+        if number == signal.SIGINT:
+            assert err == "ended\n"
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import brdfatlas
 from brdfatlas import files
 from brdfatlas.export.fit_json import export_json, import_json
+from brdfatlas.fits import load_reported
 
 MODELS = list(brdfatlas.MODELS)
 
@@ -358,3 +359,12 @@ def test_json_numbers_are_finite(inputs, tmp_path, constant):
     (tmp_path / "bad.json").write_text(json.dumps(value).replace('"HERE"', constant))
     with pytest.raises(ValueError, match=r"bad.json: .*kd"):
         import_json(tmp_path / "bad.json")
+
+
+@pytest.mark.parametrize("key", ["entry", "material"])
+def test_a_file_copied_over_a_result_is_named(inputs, key):
+    """Else the errors of one fit would stand under the name of another."""
+    report = {"status": "ok", "entry": "ggx", "material": "felt"}
+    assert load_reported(inputs / "ggx.npz", report).entry == "ggx"
+    with pytest.raises(ValueError, match=r"ggx\.npz: a fit of ggx to felt, .*\(other\); delete it"):
+        load_reported(inputs / "ggx.npz", report | {key: "other"})

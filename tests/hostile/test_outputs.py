@@ -5,10 +5,12 @@ import socket
 
 import numpy as np
 import pytest
+from conftest import state
 
 import brdfatlas
 from brdfatlas import files
 from brdfatlas.cli import main
+from brdfatlas.recommend import Recommendation, Row
 
 #: Command with {o} for its output -> the inputs it reads.
 WRITERS = {
@@ -244,3 +246,76 @@ def test_equal_fits_are_equal_files_also_through_a_link(inputs, tmp_path):
     (tmp_path / "link.npz").symlink_to("real.npz")
     fitted.save(tmp_path / "link.npz")
     assert (tmp_path / "real.npz").read_bytes() == (inputs / "ggx.npz").read_bytes()
+
+
+BESIDE = {
+    "another fit": "ward.npz",
+    "other arrays": b"PK\x03\x04" + b"\0" * 26 + b"data.npy",
+    "text": b"my notes\n",
+    "nothing": b"",
+}
+
+
+@pytest.mark.parametrize("what", BESIDE)
+def test_a_file_beside_an_export_is_not_overwritten(refused, linked, inputs, what):
+    """Mitsuba's material needs the fit beside it, in a file that nobody named."""
+    linked("ggx.npz")
+    content = BESIDE[what]
+    beside = refused.folder / "out.npz"
+    beside.write_bytes(content if isinstance(content, bytes) else (inputs / content).read_bytes())
+    export = ["export", "ggx.npz", "--to", "mitsuba", "-o", "out.xml"]
+    refused(export, "out.npz", "--force")
+    assert main([*export, "--force"]) == 0
+    assert brdfatlas.load_fit(beside) == brdfatlas.load_fit("ggx.npz")
+    assert main(export) == 0, "the same fit"
+
+
+DISK_FAULTS = [
+    OSError(28, "No space left on device"),
+    OSError(122, "Disk quota exceeded"),
+    OSError("Not enough free space to write 34992000 bytes after offset 12"),
+    RuntimeError('Failed to write pixel data to image file "/x/.a.exr". No space left on device.'),
+]
+
+
+@pytest.mark.parametrize("error", DISK_FAULTS, ids=lambda error: str(error)[:30])
+def test_a_full_disk_is_one_line_that_names_the_file(refused, linked, monkeypatch, error):
+    linked("measured.binary")
+
+    def full(*args, **named):
+        raise error
+
+    monkeypatch.setattr("brdfatlas.files.np.lib.format.write_array", full)
+    refused(["fit", "lambert", "measured.binary", "-o", "out.npz"], "out.npz: ")
+
+
+def test_other_faults_of_a_writer_stay_what_they_are(tmp_path):
+    with pytest.raises(RuntimeError, match="mine"), files.atomic_path(tmp_path / "a.txt"):
+        raise RuntimeError("mine")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()], ids=["full", "Ctrl-C"])
+@pytest.mark.parametrize("earlier", [False, True])
+def test_a_recommendation_is_saved_whole_or_not_at_all(inputs, tmp_path, monkeypatch, earlier, error):
+    """Half of the files were refused by the next run as somebody else's."""
+    winner = Row("ggx", 1.0, 8)
+    fits = {"ggx": brdfatlas.load_fit(inputs / "ggx.npz")}
+    found = Recommendation("felt", (winner,), winner, fits, {}, None)
+    folder = tmp_path / "out"
+    monkeypatch.setattr(Recommendation, "picture", lambda self, path: path.write_text("picture"))
+    if earlier:
+        found.save(folder)
+    before = state(tmp_path)
+
+    def fail(self, path):
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Recommendation, "picture", fail)
+        with pytest.raises(type(error)):
+            found.save(folder)
+    assert state(tmp_path) == before
+    files_written = found.save(folder)
+    assert {path.parent for path in files_written} == {folder}
+    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in files_written)

@@ -8,7 +8,8 @@ from own_model import OWN_MODEL
 
 import brdfatlas
 from brdfatlas.cli import main
-from brdfatlas.models import Entry
+from brdfatlas.fits import Fit
+from brdfatlas.models import Entry, loading, name_sources
 from brdfatlas.models.base import FitError, Result
 from brdfatlas.pipeline.jobs import fit_job
 
@@ -201,3 +202,38 @@ def test_a_broken_model_of_another_package_is_left_out(capsys, monkeypatch, erro
     assert err.count("\n") == 1
     assert "theirs" in err
     assert "their_package" in err
+
+
+@pytest.mark.parametrize("way", ["{there}", "../there", "link"])
+@pytest.mark.parametrize("form", ["npz", "json"])
+def test_a_fit_of_others_runs_no_file_outside_the_working_directory(refused, tmp_path, monkeypatch, way, form):
+    """Unless somebody else than the fit named that file."""
+    from brdfatlas.export.fit_json import export_json, import_json
+
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    (here / "link").symlink_to(there)
+    monkeypatch.chdir(here)
+    model = there / "model.py"
+    model.write_text(OWN_MODEL + f"\n\nopen({str(tmp_path / 'ran')!r}, 'w')\n")
+    source = f"{way.format(there=there)}/model.py"
+    fitted = Fit("mine", "felt", {"a": np.ones(3, np.float32)}, source=source)
+    fitted.save("fit.npz")
+    if form == "json":
+        export_json(fitted, "fit.json")
+        (tmp_path / "ran").unlink()
+        loading._from_file.cache_clear()
+        with pytest.raises(ValueError, match=r"^fit\.json: .*outside the working directory.*--source FILE\.py$"):
+            import_json("fit.json")
+    else:
+        refused(["info", "fit.npz"], "fit.npz: ", "model.py", "outside the working directory", "--source FILE.py")
+    assert not (tmp_path / "ran").exists()
+    assert main(["info", "fit.npz", "--source", source]) == 0
+    assert (tmp_path / "ran").exists()
+    monkeypatch.setenv("BRDFATLAS_SOURCES", "")
+    name_sources([Entry("row", "mine", source=str(model))])  # as a run does, for its jobs
+    assert brdfatlas.load_fit("fit.npz").source == source
+    monkeypatch.setenv("BRDFATLAS_SOURCES", "")
+    brdfatlas.MODELS.register_file("mine", model)
+    assert brdfatlas.load_fit("fit.npz").source == source

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.export.uber_texture import HEIGHT, has_row
-from brdfatlas.models import read_entries
+from brdfatlas.models import name_sources, read_entries
 from brdfatlas.models.given import why_no_row
 from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config, read_rgl
 from brdfatlas.pipeline.leftovers import missing_files
@@ -54,6 +54,7 @@ for name in list(MODELS):
 
 # The rows of the run, for every job that says more of a model than its name.
 ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
+name_sources(ALL_ENTRIES.values())
 
 BINARIES = {material.name: material.binary for material in FOUND}
 # Files of other formats than MERL are put on the grid once; jobs read the result.

@@ -367,6 +367,11 @@ def on_sphere(path, columns: np.ndarray, places: np.ndarray, unit: str):
             raise MeasuredError(
                 f"{path}: line {places[at]}: an angle of {np.abs(columns[at]).max():g}: degrees? radians are wanted"
             )
+        if unit == "degrees" and np.abs(phi).max() > 720:
+            at = int(np.argmax(np.abs(phi).max(1)))
+            raise MeasuredError(
+                f"{path}: line {places[at]}: an azimuth of {np.abs(phi[at]).max():g} degrees; correct it"
+            )
         if unit == "degrees":
             theta, phi = np.deg2rad(theta), np.deg2rad(phi)
         if theta.min() < -1e-6:
@@ -399,13 +404,15 @@ def checked(path, samples: Samples) -> tuple[Samples, float, tuple[str, ...]]:
     negative = samples.values < 0
     keep = ~negative.all(1)
     lost = int((~keep).sum())
+    if lost == len(keep):
+        raise MeasuredError(f"{path}: every row has negative values only, which are no reflectance; correct the sign")
     told = (f"{lost:,} rows with negative values only are left out",) if lost else ()
     share = float(negative[keep].any(1).mean()) if keep.any() else 0.0
     values = np.maximum(samples.values[keep], 0)
     kept, more = unique(path, Samples(samples.wi[keep], samples.wo[keep], values, samples.places[keep]))
     if len(kept.wi) < FEWEST:
         raise MeasuredError(f"{path}: {len(kept.wi)} pairs of directions, at least {FEWEST} are needed")
-    if not (kept.values > 0).any():
+    if not kept.values.astype(np.float32).any():
         raise MeasuredError(f"{path}: black, no value is above 0")
     try:
         kept.hull  # noqa: B018

@@ -49,6 +49,7 @@ class _Header:
     columns: list[str] = field(default_factory=list)
     separator: str | None = ","
     quantity: str = ""
+    stated: str = ""
     radians: bool = False
     line: int = 0
 
@@ -105,7 +106,12 @@ def _comment(path: Path, number: int, text: str, header: _Header) -> None:
     key, colon, value = (part.strip() for part in text.partition(":"))
     key = key.lower()
     if colon and key in ("values", "value", "quantity"):
-        header.quantity = quantity_of(value) or ""
+        before, header.quantity = header.stated, quantity_of(value) or ""
+        header.stated = header.quantity
+        if before not in ("", header.quantity):
+            raise MeasuredError(
+                f"{path}: line {number}: values: {value[:40]!r}, before: {before!r}; keep the right one"
+            )
         if not header.quantity:
             raise MeasuredError(f"{path}: line {number}: values: {value[:40]!r}; write one of: {', '.join(QUANTITIES)}")
     elif colon and key in ("angles", "unit", "units", "angle") and re.search("deg|rad", value.lower()):

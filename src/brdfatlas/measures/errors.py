@@ -35,7 +35,7 @@ import pandas as pd
 
 from brdfatlas.constants import ABSENT, REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
-from brdfatlas.fits import load_fit
+from brdfatlas.fits import load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, fold
 from brdfatlas.measures.ranking import RANKED
@@ -480,8 +480,10 @@ def material_brdf_errors(measured: Measured, models: Sequence[str], folder: str 
     rows = []
     for model in models:
         row: dict[str, object] = {"material": measured.name, "model": model}
-        if read_json(Path(folder) / f"{model}.json")["status"] == "ok":
-            row |= brdf_errors(fold(load_fit(Path(folder) / f"{model}.npz").table()), measured.table, weights)
+        report = read_json(Path(folder) / f"{model}.json")
+        if report["status"] == "ok":
+            fitted = load_reported(Path(folder) / f"{model}.npz", report)
+            row |= brdf_errors(fold(fitted.table()), measured.table, weights)
         rows.append(row)
     return pd.DataFrame(rows, columns=["material", "model", *BRDF_MEASURES])
 

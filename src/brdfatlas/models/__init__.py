@@ -5,6 +5,7 @@ point in the group ``brdfatlas.models`` (name = "package.module:Class"), or by `
 config/models.yaml.
 """
 
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,19 @@ from brdfatlas.models.base import Model
 from brdfatlas.models.entries import Entry, builtin_entries, read_entries
 from brdfatlas.models.loading import BUILTIN, installed_models, load_model, load_model_file, own_faults
 
-__all__ = ["MODELS", "Entry", "Registry", "load_model", "load_model_file", "own_faults", "read_entries", "use_entries"]
+__all__ = [
+    "MODELS",
+    "Entry",
+    "Registry",
+    "load_model",
+    "load_model_file",
+    "name_sources",
+    "own_faults",
+    "read_entries",
+    "use_entries",
+]
+#: Environment variable with the files of models outside the working directory that a run names: its jobs inherit it.
+SOURCES = "BRDFATLAS_SOURCES"
 
 
 class Registry(Mapping[str, Model]):
@@ -39,6 +52,14 @@ class Registry(Mapping[str, Model]):
             return Entry(name, name)
         raise KeyError(f"unknown model {name!r}; known: {', '.join(self)}")
 
+    def trusts(self, source: str | Path) -> bool:
+        """Whether a file may be run because a fit names it: it lies below the working directory, or the user named it
+        (registered in this process, or in the run's models file). Links count as what they lead to."""
+        named = [entry.source for entry in self._own.values()] + os.environ.get(SOURCES, "").split(os.pathsep)
+        path = os.path.realpath(source)
+        below = Path(path).is_relative_to(os.path.realpath(os.getcwd()))
+        return below or path in {os.path.realpath(name) for name in named if name}
+
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys([*builtin_entries(), *installed_models(), *self._own]))
 
@@ -50,6 +71,11 @@ class Registry(Mapping[str, Model]):
 
 
 MODELS = Registry()
+
+
+def name_sources(entries: Iterable[Entry]) -> None:
+    """Let this process and its children load fits of the models of a run, wherever their files lie."""
+    os.environ[SOURCES] = os.pathsep.join(os.path.realpath(entry.source) for entry in entries if entry.source)
 
 
 def use_entries(entries: Iterable[Mapping[str, Any]]) -> None:

@@ -127,7 +127,7 @@ def _read(path: str | os.PathLike) -> Mapping[str, Mapping[str, Any]]:
 def _read_once(path: str, _time: int, _size: int) -> Mapping[str, Mapping[str, Any]]:
     """material -> its row: parameter -> values, or {"()": {node: {key: value}}} for the text format."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ParameterFileError(f"{path}: cannot be read as text ({error})") from None
     reader = {".csv": _read_csv, ".json": _read_json}.get(Path(path).suffix.lower(), _read_public)
@@ -145,7 +145,15 @@ def _read_csv(path: str, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
     table = csv.DictReader(text.splitlines(), skipinitialspace=True)
     if "material" not in (table.fieldnames or ()):
         raise ParameterFileError(f"{path}: has no column 'material'")
+    columns = list(table.fieldnames or ())
+    doubled = next((column for column in columns if columns.count(column) > 1), None)
+    if doubled is not None:
+        raise ParameterFileError(f"{path}: column {doubled!r} is there twice; rename one")
     for line in table:
+        if None in line or None in line.values():
+            raise ParameterFileError(
+                f"{path}: line {table.line_num}: not {len(columns)} cells; the columns are so many"
+            )
         row: dict[str, Any] = {}
         for column, value in line.items():
             stem, _, last = (column or "").rpartition("_")

@@ -1,6 +1,8 @@
 """The configuration: read, completed with defaults, checked. Every fault is one line with file, key and remedy."""
 
+import os
 import sys
+import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -45,7 +47,20 @@ def files_of_scene(name: str, scene: Mapping[str, Any], source: str, assets: Ite
             fetched = Path(file) in [Path("data/assets") / asset for asset in assets]
             remedy = "`snakemake assets` fetches it" if fetched else "correct the path or leave the scene out"
             raise ConfigError(f"{source}: {name}.{key}.file: {file}: no such file; {remedy}")
+        fault = time_fault(file)
+        if fault:
+            raise ConfigError(f"{source}: {name}.{key}.file: {file}: {fault}")
     return list(files.values())
+
+
+def time_fault(path: str | os.PathLike) -> str:
+    """What is wrong with the time stamp of an input, "" if nothing: Snakemake fails every job whose input is newer than
+    what the job has just made."""
+    try:
+        ahead = os.stat(path).st_mtime > time.time() + 60
+    except OSError:
+        return ""
+    return "its time stamp lies in the future; set it with `touch`, or correct the clock" if ahead else ""
 
 
 def choose(wanted: str | list[str], known: list[str], key: str, source: str) -> list[str]:

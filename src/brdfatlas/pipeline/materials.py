@@ -13,9 +13,9 @@ from brdfatlas.formats.files import name_of
 from brdfatlas.formats.reader import ENDINGS, check, format_of, merl, read
 from brdfatlas.measured import MeasuredError
 from brdfatlas.objectives import importance_weight
-from brdfatlas.pipeline.configuration import choose
+from brdfatlas.pipeline.configuration import choose, time_fault
 from brdfatlas.pipeline.standins import standin_names
-from brdfatlas.settings import NAME, ConfigError
+from brdfatlas.settings import LONGEST_NAME, NAME, ConfigError
 
 #: Of what :func:`_fault` looks for: verdicts of an older one are not believed.
 EDITION = 3
@@ -26,7 +26,6 @@ RESERVED = frozenset(
     {"ablation", "assets", "checks", "compare", "index", "model", "models", "reference", "reference_again", "run"}
     | {"scenes", "standings", "summary", "supplement", "tables", "viewer"}
 )
-LONGEST_NAME = 80
 
 
 @dataclass(frozen=True)
@@ -161,6 +160,9 @@ def check_files(files: Mapping[str, Path], checks: str | Path) -> dict[str, dict
             stamp = f"{EDITION} {status.st_size} {status.st_mtime_ns} {status.st_mode}"
         except OSError:
             stamp = ""
+        fault = time_fault(path)
+        if fault:  # time heals it: not to be remembered
+            return {"stamp": "", "reason": f"{shown(path)}: {fault}"}
         old = known.get(shown(path), {})
         return old if stamp and old.get("stamp") == stamp else {"stamp": stamp, "reason": _fault(name, path)}
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import read_json
-from brdfatlas.fits import Fit, is_fit_file, load_fit
+from brdfatlas.fits import Fit, is_fit_file, load_fit, load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
 from brdfatlas.rendering import RENDERING, use_variant
@@ -292,7 +292,8 @@ def render_job(
 
 def _table_of(fit: str, report: str) -> np.ndarray | None:
     """The table of a fit, None if it failed."""
-    return load_fit(fit).table() if read_json(report)["status"] == "ok" else None
+    told = read_json(report)
+    return load_reported(fit, told).table() if told["status"] == "ok" else None
 
 
 def _labels(

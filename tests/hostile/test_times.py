@@ -1,0 +1,47 @@
+"""Inputs with a time stamp in the future: a camera's, another machine's, or of before a clock was set back."""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brdfatlas.angles import GRID_SHAPE
+from brdfatlas.files import write_json
+from brdfatlas.formats.merl import write_merl
+from brdfatlas.pipeline.configuration import files_of_scene
+from brdfatlas.pipeline.materials import find_materials
+from brdfatlas.settings import ConfigError
+
+CONFIG = {"measured_folder": "data", "merl_folder": "data/merl", "materials": "all", "strict": False, "standins": []}
+
+
+@pytest.mark.parametrize("ahead", [3600, 20 * 365 * 86400])
+def test_a_file_of_the_future_is_left_out_until_it_is_touched(tmp_path, monkeypatch, ahead):
+    """Snakemake would fail every job of it, after the work."""
+    monkeypatch.chdir(tmp_path)
+    table = np.full((*GRID_SHAPE, 3), 0.1, np.float32)
+    for name in ("now", "later"):
+        write_merl(Path("data") / f"{name}.binary", table)
+    os.utime("data/later.binary", times=(time.time() + ahead,) * 2)
+    for _ in range(2):  # the second time with the verdicts of the first
+        found, left_out, verdicts = find_materials(CONFIG, "standins", "checks.json")
+        assert [material.name for material in found] == ["now"]
+        assert [item.name for item in left_out] == ["later"]
+        assert left_out[0].reason.startswith("data/later.binary: ")
+        assert "`touch`" in left_out[0].reason
+        write_json("checks.json", verdicts)
+    os.utime("data/later.binary")
+    found, left_out, _ = find_materials(CONFIG, "standins", "checks.json")
+    assert ([material.name for material in found], left_out) == (["later", "now"], [])
+
+
+def test_a_scenes_file_of_the_future_is_named(tmp_path):
+    probe = tmp_path / "probe.exr"
+    probe.touch()
+    scene = {"geometry": [], "environment": {"file": str(probe)}}
+    assert files_of_scene("mine", scene, "scenes.yaml", []) == [str(probe)]
+    os.utime(probe, times=(time.time() + 3600,) * 2)
+    with pytest.raises(ConfigError, match=r"^scenes\.yaml: mine\.environment\.file: .*probe\.exr: .*`touch`"):
+        files_of_scene("mine", scene, "scenes.yaml", [])
