@@ -29,6 +29,8 @@ from brdfatlas.models.base import FitError
 if TYPE_CHECKING:
     from brdfatlas.rendering.images import Render
 
+#: Mean dE00 of a render above which a recommendation says that it is a poor one: several times what is just visible.
+POOR_DE00 = 5.0
 #: What a user can repair: one line on stderr and exit status 1; anything else is our fault and keeps its traceback.
 USER_FAULTS = (MeasuredError, FitError, ValueError, KeyError, ImportError, OSError, MemoryError)
 #: Kinds of output that are text, which `-o -` writes to standard output.
@@ -319,7 +321,10 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
     def progress(line: str) -> None:
         print(shown(line), file=sys.stderr, flush=True)
 
-    found = recommend(args.file, budget=args.budget, target=args.target, seed=args.seed, progress=progress)
+    models = args.models.split(",") if args.models else None
+    found = recommend(
+        args.file, budget=args.budget, target=args.target, models=models, seed=args.seed, progress=progress
+    )
     if not args.json:
         say(*found.table().splitlines())
     if found.winner is None:
@@ -328,6 +333,8 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
         raise ValueError(f"{args.file}: no model is {' and '.join(limits) or 'fitted'}; ask for less")
     files = found.save(args.folder) if args.folder else []
     if not args.json:
+        if found.winner.de00 > POOR_DE00:
+            say(f"dE00 {found.winner.de00:.1f}: none of these models comes close to {found.material}")
         say(f"take {found.winner.model}" + (f": {', '.join(map(str, files))}" if files else "; -o FOLDER writes it"))
     rows = [dataclasses.asdict(row) for row in found.rows]
     return {"material": found.material, "winner": found.winner.model, "models": rows, "files": files}
@@ -522,6 +529,7 @@ def parser() -> argparse.ArgumentParser:
         choices=("mitsuba", "materialx", "gltf"),
         help="only models that this material is exactly",
     )
+    sub.add_argument("--models", metavar="NAME,...", help="only these; else all")
     sub.add_argument("-o", "--folder", metavar="FOLDER", help="folder for the best fit, its exports and a picture")
     sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, help="of the random numbers")
     sub = command("uber-texture", uber_texture_command, ["fits"], "EXR picture", source=True)

@@ -101,3 +101,14 @@ def test_faults_are_known_before_any_fit(tmp_path, capsys):
         assert "fit 1" not in captured.err
     assert "not of an earlier recommendation" in captured.err
     assert (tmp_path / "thesis" / "side-by-side.png").read_text() == "mine"
+
+
+def test_a_poor_match_is_called_one(tmp_path, capsys):
+    """A mirror-like surface, and only a diffuse model to choose from."""
+    arguments = ["standin", "chrome", "-o", str(tmp_path / "chrome.binary")]
+    assert main(arguments) == 0
+    assert main(["recommend", str(tmp_path / "chrome.binary"), "--models", "lambert"]) == 0
+    captured = capsys.readouterr()
+    assert "none of these models comes close to chrome" in captured.out
+    assert main(["recommend", str(tmp_path / "chrome.binary"), "--models", "lambert,unreal"]) == 1
+    assert "unknown model 'unreal'" in capsys.readouterr().err

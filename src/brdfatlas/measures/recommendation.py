@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 #: dE00 by which two renders must differ to be ranked by it; below, the smaller fit is taken. A hundredth of what an eye
-#: tells apart between neighbouring patches (about 1).
+#: just sees between neighbouring patches (about 1).
 SAME_DE00 = 0.01
 #: Largest albedo of a fit that counts as energy-conserving: the quadrature of ``physics.directional_albedo`` is good to
 #: 1e-4, a stored fit is rounded to float32.

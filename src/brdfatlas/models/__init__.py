@@ -50,7 +50,8 @@ class Registry(Mapping[str, Model]):
             return known
         if name in BUILTIN or name in installed_models():
             return Entry(name, name)
-        raise KeyError(f"unknown model {name!r}; known: {', '.join(self)}")
+        known = ", ".join(self)
+        raise KeyError(f"unknown model {name!r}; known: {known} (a model of one's own: --source FILE.py)")
 
     def trusts(self, source: str | Path) -> bool:
         """Whether a file may be run because a fit names it: it lies below the working directory, or the user named it
