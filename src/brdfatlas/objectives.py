@@ -139,7 +139,8 @@ def least_squares_weights(table: np.ndarray, objective: str) -> np.ndarray:
 def graded_weights(table: np.ndarray, objective: str, max_angle: float, grazing: float) -> np.ndarray:
     """:func:`least_squares_weights`, but that the compressive metric counts in full within ``max_angle`` (radians) and
     by ``grazing`` of its whole range beyond: 1 / (cos theta_i cos theta_o) would make the last degrees rule the fit,
-    which measurements know least. Under "e2", the weights of the optimum from which it starts, the compressive ones."""
+    which measurements know least. Under "e2", the weights of the optimum from which it starts, the compressive ones.
+    ``table`` and the weights: (90, 90, 180, 3)."""
     if objective == "cosine":
         return least_squares_weights(table, "cosine")
     weights = grazing / (1 + grazing) * least_squares_weights(table, "compressive")

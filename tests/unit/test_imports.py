@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2] / "src" / "brdfatlas"
 #: A room imports from rooms below it, and from its own. Names without a folder are modules of the root.
 LAYERS = (
-    ("constants", "compiled", "angles", "microfacet", "settings", "files"),
+    ("constants", "compiled", "angles", "microfacet", "settings", "files", "interrupts"),
     ("formats", "measured"),
     ("solvers", "objectives", "sampling"),
     ("models",),
