@@ -5,7 +5,7 @@ Files are read by :mod:`brdfatlas.formats`.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -112,20 +112,28 @@ def extension_index(valid: np.ndarray) -> np.ndarray:
     valid cell in phi_d (periodic), else that of the nearest (theta_h, theta_d) that has one.
 
     One rule for the reference and every fit, always with the reference's mask: no model is judged where nothing was
-    measured and none explodes there. Shape of ``valid`` (90, 90, 180 or 360), int32. ValueError if nothing is valid.
+    measured and none explodes there. Shape of ``valid`` (90, 90, 180 or 360), int32, read-only. ValueError if nothing
+    is valid.
     """
+    return _extension_index(valid.tobytes(), valid.shape)
+
+
+@lru_cache(maxsize=4)
+def _extension_index(mask: bytes, shape: tuple[int, ...]) -> np.ndarray:
+    """All tables of a material have its mask, or that mask twice."""
+    valid = np.frombuffer(mask, bool).reshape(shape)
     index = np.arange(valid.size, dtype=np.int32).reshape(valid.shape)
-    if valid.all():
-        return index
     has_row = valid.any(axis=2)
     if not has_row.any():
         raise ValueError("no valid cell to extend from")
-    _nearest_in_phi(np.ascontiguousarray(valid), index)
+    if not valid.all():
+        _nearest_in_phi(valid, index)
     if not has_row.all():
         from scipy.ndimage import distance_transform_edt
 
         row_h, row_d = distance_transform_edt(~has_row, return_distances=False, return_indices=True)
         index = index[row_h, row_d]
+    index.flags.writeable = False
     return index
 
 

@@ -112,14 +112,15 @@ def relative_objective(fitted: np.ndarray, table: np.ndarray, weights: np.ndarra
     return float(np.mean(errors))
 
 
-def least_squares_weights(table: np.ndarray, objective: str) -> np.ndarray:
+def least_squares_weights(table: np.ndarray, objective: str, max_angle: float = MAX_ANGLE) -> np.ndarray:
     """Weights (90, 90, 180, 3) whose weighted sum of squares is the objective.
 
     ``objective``: "compressive", :func:`relative_objective` in Bagher 2016's weights; "cosine", the square of
-    :func:`cosine_weighted`. Raises ValueError if no valid sample lies within 89 degrees.
+    :func:`cosine_weighted`. ``max_angle`` (radians): of the compressive one. Raises ValueError if no valid sample lies
+    within 89 degrees.
     """
     if objective == "compressive":
-        weights = compressive_weights(table)
+        weights = compressive_weights(table, max_angle=max_angle)
         for c in range(3):
             rho = np.nan_to_num(table[..., c]).astype(float)
             power = float(np.vdot(weights[..., c] * rho, rho))
@@ -143,13 +144,8 @@ def graded_weights(table: np.ndarray, objective: str, max_angle: float, grazing:
     ``table`` and the weights: (90, 90, 180, 3)."""
     if objective == "cosine":
         return least_squares_weights(table, "cosine")
-    weights = grazing / (1 + grazing) * least_squares_weights(table, "compressive")
-    inner = compressive_weights(table, max_angle=max_angle)
-    for c in range(3):
-        rho = np.nan_to_num(table[..., c]).astype(float)
-        power = float(np.vdot(inner[..., c] * rho, rho))
-        weights[..., c] += inner[..., c] / (3 * (1 + grazing) * (power if power > 0 else 1.0))
-    return weights
+    whole, inner = (least_squares_weights(table, "compressive", angle) for angle in (MAX_ANGLE, max_angle))
+    return (grazing * whole + inner) / (1 + grazing)
 
 
 def log_deviation(a: np.ndarray, b: np.ndarray, min_cosine: float = 0.1) -> float:

@@ -43,8 +43,6 @@ def table_file(folder: str | os.PathLike, model: str) -> Path:
 
 def small_table(table: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """A table (90, 90, 180 or 360, 3) on the viewer's grid, (90, THETA_D, PHI_D or 2 PHI_D, 3) float32 in 1/sr."""
-    if valid.shape[2] < table.shape[2]:
-        valid = np.concatenate([valid, valid], 2)
     full = extend(table, valid)
     half = full.shape[2] // 2
     mirrored = (full[:, :, :half] + full[:, :, half:][:, :, ::-1]) / 2

@@ -101,23 +101,23 @@ def objective_option(default: str) -> Option:
     return Option(default, text, tuple(OBJECTIVE_NAMES))
 
 
-def grazing_options(grazing: float) -> dict[str, Option]:
-    """The options of models whose compressive metric counts in full within ``max_angle`` and by ``grazing`` beyond."""
-    return {
-        "max_angle": Option(
-            80.0,
-            "compressive only: theta_i, theta_o in degrees within which the metric counts in full; Bagher 2016 has "
-            "80 against 89 (Fig. 15)",
-            low=1.0,
-            high=89.0,
-        ),
-        "grazing": Option(
-            grazing,
-            "compressive only: weight of the same metric over all angles to 89 degrees, beside 1 for the metric within "
-            "max_angle; 1e6 leaves the metric as published",
-            low=0.0,
-        ),
-    }
+def grazing_option(default: float) -> Option:
+    """The option ``grazing`` of models whose compressive metric counts in full within ``max_angle``, with a model's own
+    default."""
+    return Option(
+        default,
+        "compressive only: weight of the same metric over all angles to 89 degrees, beside 1 for the metric within "
+        "max_angle; 1e6 leaves the metric as published",
+        low=0.0,
+    )
+
+
+def objective_words(objective: str, max_angle: float, grazing: float | None = None) -> str:
+    """The name of an objective as a report states it: with ``grazing``, the compressive metric that also counts beyond
+    ``max_angle`` (degrees), else a metric that counts within it alone."""
+    more = "both directions " if grazing is None else ""
+    beyond = "" if grazing is None else f", plus {grazing:g} of that within 89"
+    return f"{OBJECTIVE_NAMES[objective]}; {more}within {max_angle:g} degrees{beyond}"
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ H_AT = RHO_S_AT + 1
 def factor_rows(factors: Factors | None) -> np.ndarray | None:
     """One fit as rows of the texture, (products, WIDTH, 4) float32; None for a fit that is no sum of products, or of
     too many."""
-    if factors is None or not has_few_products(factors):
+    if not has_few_products(factors):
         return None
     d, f = factors.d, factors.f
     rho_s = np.ones(3) if factors.rho_s is None else factors.rho_s

@@ -30,8 +30,9 @@ from brdfatlas.models.base import (
     Option,
     Parameters,
     Result,
-    grazing_options,
+    grazing_option,
     objective_option,
+    objective_words,
 )
 from brdfatlas.objectives import e2_weights, graded_weights, within
 from brdfatlas.solvers.least_squares import NoFiniteStartError, Solution, fit_nonlinear, latin_starts
@@ -192,8 +193,8 @@ class EngineModel(Model):
     kernel: ClassVar[Kernel]
     options: ClassVar[Mapping[str, Option]] = {
         "objective": objective_option("compressive"),
-        **grazing_options(0.1),
         "max_angle": MAX_ANGLE_OPTION,
+        "grazing": grazing_option(0.1),
         "starts": STARTS,
     }
     #: parameters fitted by their logarithm, because they span decades
@@ -258,10 +259,9 @@ class EngineModel(Model):
         if chosen["objective"] == "cosine":
             value = float(np.sqrt(value))
         name = OBJECTIVE_NAMES[chosen["objective"]]
-        if chosen["objective"] == "compressive":
-            name += f"; within {chosen['max_angle']:g} degrees, plus {chosen['grazing']:g} of that within 89"
-        elif chosen["objective"] == "e2":
-            name += f"; both directions within {chosen['max_angle']:g} degrees"
+        if chosen["objective"] != "cosine":
+            grazing = chosen["grazing"] if chosen["objective"] == "compressive" else None
+            name = objective_words(chosen["objective"], chosen["max_angle"], grazing)
         message = "; ".join(filter(None, [found.message, *self.warnings(parameters, chosen)]))
         details = {"starts": ends, "history": found.history, "bounds": self.at_bounds(parameters, chosen)}
         return Result(parameters, value, name, found.iterations, found.converged, message, details)

@@ -17,7 +17,7 @@ from brdfatlas.angles import GRID_SHAPE, grid_axes, grid_cosines, half_differenc
 from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.microfacet import v_groove
-from brdfatlas.models.base import FitError, Model, Option, Parameters, Result
+from brdfatlas.models.base import FitError, Model, Option, Parameters, Result, objective_words
 from brdfatlas.objectives import e2_weights, least_squares_weights, within
 from brdfatlas.solvers.least_squares import (
     Moments,
@@ -102,7 +102,7 @@ class SingleLobeModel(Model):
         return Result(
             parameters,
             float(value),
-            OBJECTIVE_NAMES[objective] + (f"; both directions within {limit:g} degrees" if limit < 90 else ""),
+            objective_words(objective, limit) if limit < 90 else OBJECTIVE_NAMES[objective],
             found.iterations,
             found.converged,
             found.message,

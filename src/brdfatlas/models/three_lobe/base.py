@@ -28,8 +28,9 @@ from brdfatlas.models.base import (
     Parameter,
     Parameters,
     Result,
-    grazing_options,
+    grazing_option,
     objective_option,
+    objective_words,
 )
 from brdfatlas.objectives import e2_weights, graded_weights
 from brdfatlas.sampling import Lobe, Mixture, mixture
@@ -88,7 +89,14 @@ class LobeModel(Model):
     unknowns: ClassVar[tuple[Unknown, ...]]
     options: ClassVar[Mapping[str, Option]] = {
         "objective": objective_option("compressive"),
-        **grazing_options(0.02),
+        "max_angle": Option(
+            80.0,
+            "compressive only: theta_i, theta_o in degrees within which the metric counts in full; Bagher 2016 has "
+            "80 against 89 (Fig. 15)",
+            low=1.0,
+            high=89.0,
+        ),
+        "grazing": grazing_option(0.02),
         "starts": Option(192, "how many starts are tried", low=1),
         "follow": Option(10, "how many of the best starts are followed to their minimum", low=1),
     }
@@ -143,7 +151,7 @@ class LobeModel(Model):
             parameters[p.name] = np.clip([shape[p.name] for shape in shapes], p.low, p.high)
         told = OBJECTIVE_NAMES[objective]
         if objective == "compressive":
-            told += f"; within {max_angle:g} degrees, plus {grazing:g} of that within 89"
+            told = objective_words(objective, max_angle, grazing)
         value = np.sqrt(value) if objective == "cosine" else value
         return Result(parameters, float(value), told, found.iterations, found.converged, found.message, details)
 
