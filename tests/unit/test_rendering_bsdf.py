@@ -227,9 +227,9 @@ def test_variants_without_rgb_are_refused_in_one_line(name):
             variant()
 
 
-def test_threads_may_load_scenes_while_another_renders(binary):
-    """Mitsuba itself crashes where two threads render at once; to load beside a render is safe. The plugin must be
-    whole before Mitsuba knows it, for a render calls every object of its class."""
+def test_threads_may_use_the_plugin_in_turns(binary):
+    """Each thread has its own variant and may register; a scene is loaded, rendered and dropped while no other thread
+    renders, for a render calls every object of its class, also one that another thread is about to free."""
     mi = variant()
     turn, found, faults = threading.Lock(), [], []
 
@@ -239,9 +239,10 @@ def test_threads_may_load_scenes_while_another_renders(binary):
             register()
             for _ in range(3):
                 bsdf = {"type": "brdfatlas", "filename": str(binary)}
-                loaded = mi.load_dict(plain | {"ball": {"type": "sphere", "bsdf": bsdf}})
                 with turn:
+                    loaded = mi.load_dict(plain | {"ball": {"type": "sphere", "bsdf": bsdf}})
                     found.append(np.array(mi.render(loaded, spp=4, seed=1)))
+                    del loaded
         except Exception as fault:
             faults.append(fault)
 

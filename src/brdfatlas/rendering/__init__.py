@@ -67,5 +67,5 @@ def _check(variant: str) -> None:
 
 _registered: set[str] = set()
 _lock = threading.Lock()
-#: Mitsuba may load scenes in several threads, but crashes where two render at once: our renders take turns.
+#: Mitsuba crashes where two threads render at once, or one frees a BSDF that the render of another calls: turns here.
 RENDERING = threading.RLock()

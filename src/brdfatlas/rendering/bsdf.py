@@ -287,7 +287,7 @@ def bsdf_class(variant: str) -> type:
         """A tabulated isotropic BRDF, one-sided."""
 
         def __init__(self, props: mi.Properties, reflectance: Reflectance | None = None):
-            # Before the base class, which makes the object known to renders that other threads have begun.
+            # Before the base class, which makes the object known to renders.
             self.filename = props.get("filename", "")
             self.reference = props.get("reference", "")
             self.reflectance = reflectance or _from_files(self.filename, self.reference)
