@@ -10,6 +10,7 @@ from brdfatlas.angles import above_horizon, theta_d_centres, theta_h_centres
 from brdfatlas.figures.tables import decode_table, encode_table, small_table, table_file, write_table
 from brdfatlas.files import write_npz
 from brdfatlas.fits import Fit, load_fit
+from brdfatlas.measured import extend
 from brdfatlas.models import MODELS
 from brdfatlas.reports.data import SceneFacts
 from brdfatlas.reports.pages import write_assets
@@ -71,7 +72,9 @@ def viewer(tmp_path_factory):
     gloss = Fit("ggx", "metal", parameters, standin=True)
     flat = Fit("lambert", "metal", {"kd": np.array([0.6, 0.3, 0.1], np.float32)}, standin=True)
     for model, fit in (("reference", gloss), ("ggx", gloss), ("lambert", flat)):
-        write_table(table_file(reports / "materials/metal", model), f"metal/{model}", fit.table(), above_horizon())
+        write_table(
+            table_file(reports / "materials/metal", model), f"metal/{model}", extend(fit.table(), above_horizon())
+        )
         if model != "reference":
             fits.append(("metal", model, root / f"metal-{model}.npz"))
             fit.save(fits[-1][-1])
@@ -196,7 +199,9 @@ def rendered(tmp_path_factory):
             pictures[model, name] = render_scene(scene, Measured("metal", fit.table()), samples=1024)
     # The first fit is also shown as if it had been measured.
     measured = load_fit(root / "independent_g.npz").table()
-    write_table(table_file(reports / "materials/metal", "reference"), "metal/reference", measured, above_horizon())
+    write_table(
+        table_file(reports / "materials/metal", "reference"), "metal/reference", extend(measured, above_horizon())
+    )
     (root / "metal.json").write_text(json.dumps({"name": "metal", "title": "metal", "standin": True}))
     write_assets(reports / "assets")
     scenes = [(SceneFacts("room"), root / "sphere.npz")]
@@ -305,7 +310,7 @@ def test_tables_survive_their_encoding(full_circle):
     rng = np.random.default_rng(1)
     table = 10 ** rng.uniform(-4, 4, (90, 90, 90, 3))
     table = np.concatenate([table, table[:, :, ::-1]] * (2 if full_circle else 1), 2)
-    small = small_table(table, np.ones((90, 90, 180), bool))
+    small = small_table(table)
     cells = (90, 30, 30 if full_circle else 15)
     assert small.shape == (*cells, 3)
     assert np.allclose(small.mean((1, 2)), table.mean((1, 2)), rtol=1e-5)

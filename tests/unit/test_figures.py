@@ -10,9 +10,10 @@ from brdfatlas import microfacet
 from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes, theta_h_centres
 from brdfatlas.figures import style
 from brdfatlas.figures.functions import grouped, plot_functions
-from brdfatlas.figures.lobes import lobe, outgoing_angles, plot_lobes
+from brdfatlas.figures.lobes import lobe, lobe_curves, outgoing_angles, plot_lobes
 from brdfatlas.figures.summary import mean_errors, plot_summary
 from brdfatlas.fits import Fit
+from brdfatlas.measured import extend
 
 
 def ggx_table(alpha: float = 0.2) -> np.ndarray:
@@ -114,11 +115,10 @@ def test_curves_are_sorted_by_diffuseness_and_by_error(tmp_path, monkeypatch):
 
 
 def test_equal_data_give_equal_files_and_formats_follow_the_ending(tmp_path):
-    table = ggx_table()
-    reference = ggx_table(0.25)
-    valid = above_horizon()
+    table, reference = (extend(ggx_table(alpha), above_horizon()) for alpha in (0.2, 0.25))
+    lobes = lobe_curves(reference, [("ggx", table)])
     for name in ("1.svg", "2.svg", "1.png"):
-        plot_lobes(reference, valid, {"GGX": table}, tmp_path / f"lobes{name}")
+        plot_lobes(lobes, {"ggx": "GGX"}, tmp_path / f"lobes{name}")
         assert plot_functions(dupuy_fit("ggx"), tmp_path / f"functions{name}")
         plot_summary(errors_frame(), {}, tmp_path / f"summary{name}")
     for kind in ("lobes", "functions", "summary"):
@@ -137,7 +137,7 @@ def test_coordinates_are_rounded_and_nothing_else():
 
 def test_a_figure_without_content_says_so(tmp_path):
     with pytest.raises(ValueError, match=r"lobes\.svg: no fit"):
-        plot_lobes(ggx_table(), above_horizon(), {}, tmp_path / "lobes.svg")
+        plot_lobes(lobe_curves(np.ones((*GRID_SHAPE, 3)), []), {}, tmp_path / "lobes.svg")
     with pytest.raises(ValueError, match=r"s\.svg: no ΔE00"):
         plot_summary(errors_frame().iloc[:0], {}, tmp_path / "s.svg")
 

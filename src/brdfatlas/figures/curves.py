@@ -1,17 +1,14 @@
-"""The curves of a material as numbers: named functions of the fits and lobes in the plane of incidence. Its page draws
-them from a script, its PDF from :func:`plot_curves`."""
+"""The named functions of all fits of a material as numbers. Its page draws them from a script, its PDF from
+:func:`plot_curves`."""
 
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib import pyplot
 
 from brdfatlas.constants import LUMINANCE
 from brdfatlas.figures import style
-from brdfatlas.figures.lobes import INCIDENCE, lobe, outgoing_angles
-from brdfatlas.measured import extend
 from brdfatlas.models.base import Function
 
 #: What the page draws, by symbol: title, unit, whether on a logarithmic scale.
@@ -51,25 +48,6 @@ def function_curves(functions: Mapping[str, Sequence[Function]]) -> list[dict[st
     return list(charts.values())
 
 
-def lobe_curves(
-    reference: np.ndarray, valid: np.ndarray, tables: Mapping[str, np.ndarray], incidence: Sequence[float] = INCIDENCE
-) -> dict[str, Any]:
-    """{incidence (degrees), x (outgoing angles a lobe, degrees), reference and models: luminances (1/sr) a lobe}."""
-    angles = [np.deg2rad(a) for a in incidence]
-    outgoing = [outgoing_angles(a) for a in angles]
-
-    def lobes(table: np.ndarray) -> list[list[float | None]]:
-        filled = extend(np.nan_to_num(table), valid)
-        return [round_values(lobe(filled, a, o) ** 3, 3) for a, o in zip(angles, outgoing, strict=True)]
-
-    return {
-        "incidence": list(incidence),
-        "x": [round_values(np.rad2deg(o)) for o in outgoing],
-        "reference": lobes(reference),
-        "models": {name: lobes(table) for name, table in tables.items()},
-    }
-
-
 def plot_curves(charts: Sequence[Mapping[str, Any]], titles: Mapping[str, str], path: str | os.PathLike) -> bool:
     """All charts of :func:`function_curves` side by side, every model a line, one legend below. Returns False, and
     writes nothing, without a chart."""
@@ -78,9 +56,8 @@ def plot_curves(charts: Sequence[Mapping[str, Any]], titles: Mapping[str, str], 
     names = list(dict.fromkeys(name for chart in charts for name in chart["models"]))
     place = {name: i for i, name in enumerate(names)}
     with style.paper():
-        figure, axes = pyplot.subplots(
-            1, len(charts), figsize=(style.PAGE, 2.3 + 0.16 * -(-len(names) // 3)), layout="constrained", squeeze=False
-        )
+        legend = 0.14 * -(-len(names) // 3) + 0.1
+        figure, axes = style.panels(1, len(charts), (style.PAGE, 2.3 + legend), bottom=0.4 + legend, top=0.25)
         for axis, chart in zip(axes[0], charts):
             for name, curve in chart["models"].items():
                 y = np.array([np.nan if v is None else v for v in curve["y"]])
@@ -91,10 +68,10 @@ def plot_curves(charts: Sequence[Mapping[str, Any]], titles: Mapping[str, str], 
                 style.root_axis(axis)
             if chart["log"]:
                 top = max(v for curve in chart["models"].values() for v in curve["y"] if v)
-                axis.set(yscale="log", ylim=(top * 1e-6, top * 2))
+                style.log_axis(axis, top * 1e-6, top * 2)
             else:
                 axis.set_ylim(bottom=0)
         lines = {line.get_label(): line for axis in axes[0] for line in axis.get_lines()}
-        figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=3)
+        figure.legend(lines.values(), lines.keys(), loc="lower center", ncols=3)
         style.save(figure, path)
     return True

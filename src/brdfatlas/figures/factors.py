@@ -121,8 +121,8 @@ def plot_convergence(channels: Sequence[Mapping[str, Any]], path: str | os.PathL
     if not any(curves):
         return False
     with style.paper():
-        figure, axes = pyplot.subplots(
-            1, len(curves), figsize=(8.4, 2.7), layout="constrained", squeeze=False, sharey=True
+        figure, axes = style.panels(
+            1, len(curves), (8.4, 2.7), top=0.5 if title else 0.25, right=1.6, gaps=(0.2, 0), shared=True
         )
         for axis, starts, colour in zip(axes[0], curves, ("red", "green", "blue")):
             for number, start in enumerate(starts):
@@ -130,13 +130,13 @@ def plot_convergence(channels: Sequence[Mapping[str, Any]], path: str | os.PathL
                 # A thinned curve keeps its ends, so its length in iterations is known from the report.
                 last = max(int(start.get("iterations", history.size - 1)), history.size - 1)
                 axis.plot(np.linspace(0, last, history.size), history, label=start["name"], **style.line_of(number))
-            axis.set_yscale("log")
+            style.log_axis(axis)
             axis.set_title(colour)
             axis.set_xlabel("iteration")
         axes[0, 0].set_ylabel("objective (relative)")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         if handles:
-            figure.legend(handles, labels, loc="outside right center")
+            figure.legend(handles, labels, loc="center right")
         if title:
             figure.suptitle(title)
         style.save(figure, path)

@@ -3,7 +3,6 @@
 import os
 
 import numpy as np
-from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from brdfatlas.figures import style
@@ -29,9 +28,7 @@ def plot_functions(fit: Fit, path: str | os.PathLike, *, title: str = "") -> boo
     if not plots:
         return False
     with style.paper():
-        figure, axes = pyplot.subplots(
-            1, len(plots), figsize=(2.8 * len(plots), 2.5), layout="constrained", squeeze=False
-        )
+        figure, axes = style.panels(1, len(plots), (2.8 * len(plots), 2.5))
         for axis, own in zip(axes[0], plots.values()):
             _plot(axis, own, title or fit.entry)
         style.save(figure, path)
@@ -55,11 +52,9 @@ def _plot(axis: Axes, own: list[Function], title: str) -> None:
     top = max(float(function.values.max()) for function in own)
     low = min(float(function.values.min()) for function in own)
     if first.axis == "theta_h":  # spaced as the measurements are
-        axis.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
-        axis.set_xticks([0, 1, 5, 15, 30, 60, 90])
+        style.root_axis(axis)
         if low >= 0:
-            axis.set_yscale("log")
-            axis.set_ylim(max(top, 1e-12) * DECADES, max(top, 1e-12) * 2)
+            style.log_axis(axis, max(top, 1e-12) * DECADES, max(top, 1e-12) * 2)
     else:
         axis.set_xticks([0, 30, 60, 90] if first.axis != "phi_d" else [0, 60, 120, 180])
         if low >= 0:

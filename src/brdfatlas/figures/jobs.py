@@ -2,23 +2,23 @@
 
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from brdfatlas.constants import REFERENCE
-from brdfatlas.figures.curves import function_curves, lobe_curves, plot_curves
+from brdfatlas.figures.curves import function_curves, plot_curves
 from brdfatlas.figures.factors import plot_convergence, plot_slices, plot_weights
 from brdfatlas.figures.functions import plot_functions
-from brdfatlas.figures.lobes import plot_lobes
+from brdfatlas.figures.lobes import lobe_curves, plot_lobes
 from brdfatlas.figures.samples import plot_samples
 from brdfatlas.figures.summary import plot_summary
 from brdfatlas.figures.tables import has_few_products, table_file, write_table
 from brdfatlas.files import digests, read_json, write_json, write_text
 from brdfatlas.fits import Fit, load_fit
 from brdfatlas.formats.reader import read
-from brdfatlas.measured import Measured
+from brdfatlas.measured import extend
 from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS
 
@@ -48,33 +48,45 @@ def figures_job(
     changes with any of them.
 
     lobes.svg with every model that has a fit (the reference alone if none has); the numbers of the page's charts in
-    curves.js, functions.svg with the functions of all fits; functions/{model}.svg where a fit has
-    named functions; convergence/{model}.svg where its report has a curve for each channel; slices.webp and weights.svg
-    where a fit is a sum of products; samples.svg of scattered data; tables/{model}.js for the viewer, of the reference
-    and of every fit that is not shown by its factors. Figures of an earlier run that this one does not draw are
-    removed.
+    curves.js, functions.svg with the functions of all fits; functions/{model}.svg where a fit has named functions;
+    convergence/{model}.svg where its report has a curve for each channel; slices.webp and weights.svg where a fit is a
+    sum of products; samples.svg of scattered data; tables/{model}.js for the viewer, of the reference and of every fit
+    that is not shown by its factors. Figures of an earlier run that this one does not draw are removed.
     """
     folder = Path(folder)
     measured, loaded, titles = read(binary), load_fits(models, fits), titles_of(models)
-    tables = {name: fit.table() for name, fit in loaded.items()}
-    shown = {titles[name]: table for name, table in tables.items()} or {"reference, no fit": measured.table}
-    plot_lobes(measured.table, measured.valid, shown, folder / "lobes.svg")
-    drawn = {"lobes.svg", "curves.js"}
-    if write_curves(folder, measured, loaded, tables, titles):
+    factors = {name: fit.factors() for name, fit in loaded.items()}
+    drawn = set()
+
+    def written(name: str, table: np.ndarray) -> np.ndarray:
+        """The table extended, and written for the viewer if that has no factors to show the model by."""
+        full = extend(np.nan_to_num(table), measured.valid)
+        if not has_few_products(factors.get(name)):
+            path = table_file(folder, name)
+            write_table(path, f"{folder.name}/{name}", full)
+            drawn.add(path.relative_to(folder).as_posix())
+        return full
+
+    reference = written(REFERENCE, measured.table)
+    # One table at a time: those of all models would be a gigabyte.
+    lobes = lobe_curves(reference, ((name, written(name, fit.table())) for name, fit in loaded.items()))
+    charts = function_curves({name: fit.functions() for name, fit in loaded.items()})
+    content = json.dumps({"functions": charts, "lobes": lobes}, separators=(",", ":"))
+    # A script, for a page from a file may run one, but not read a file.
+    write_text(folder / "curves.js", f"window.ATLAS_CURVES({content});\n")
+    plot_lobes(
+        lobes if loaded else lobes | {"models": {"reference, no fit": lobes["reference"]}}, titles, folder / "lobes.svg"
+    )
+    drawn |= {"curves.js", "lobes.svg"}
+    if plot_curves(charts, titles, folder / "functions.svg"):
         drawn.add("functions.svg")
     if plot_samples(measured, folder / "samples.svg"):
         drawn.add("samples.svg")
-    factored = {titles[name]: fit for name, fit in loaded.items() if fit.factors() is not None}
+    factored = {titles[name]: fit for name, fit in loaded.items() if factors[name] is not None}
     if factored:
         plot_slices(measured, factored, folder / "slices.webp")
         plot_weights(measured, folder / "weights.svg")
         drawn |= {"slices.webp", "weights.svg"}
-    exact = [name for name, fit in loaded.items() if has_few_products(fit.factors())]
-    for name, table in ({REFERENCE: measured.table} | tables).items():
-        if name not in exact:
-            path = table_file(folder, name)
-            write_table(path, f"{folder.name}/{name}", table, measured.valid)
-            drawn.add(path.relative_to(folder).as_posix())
     for name, fit in loaded.items():
         title = titles[name]
         path = folder / "functions" / f"{name}.svg"
@@ -97,22 +109,6 @@ def figures_job(
             if path.relative_to(folder).as_posix() not in drawn:
                 path.unlink()
     write_json(listing, {"figures": digests(folder, sorted(drawn))})
-
-
-def write_curves(
-    folder: Path,
-    measured: Measured,
-    fits: Mapping[str, Fit],
-    tables: Mapping[str, np.ndarray],
-    titles: Mapping[str, str],
-) -> bool:
-    """Write the numbers of a material's charts as ``curves.js``, which calls ``ATLAS_CURVES`` (a page from a file may
-    run a script, but not read a file), and its functions as functions.svg; whether there is one."""
-    functions = {name: fit.functions() for name, fit in fits.items()}
-    lobes = lobe_curves(measured.table, measured.valid, tables)
-    content = {"functions": function_curves(functions), "lobes": lobes}
-    write_text(folder / "curves.js", f"window.ATLAS_CURVES({json.dumps(content, separators=(',', ':'))});\n")
-    return plot_curves(content["functions"], titles, folder / "functions.svg")
 
 
 def summary_job(

@@ -2,14 +2,16 @@
 
 import os
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import pyplot
 
 from brdfatlas.constants import LUMINANCE
 from brdfatlas.figures import style
-from brdfatlas.measured import extend, look_up
+from brdfatlas.figures.curves import round_values
+from brdfatlas.measured import look_up
 
 #: incidence angles, degrees
 INCIDENCE = (15, 40, 65)
@@ -32,54 +34,62 @@ def outgoing_angles(theta_i: float) -> np.ndarray:
     return np.deg2rad(np.unique(np.round(degrees[np.abs(degrees) <= 89], 6)))
 
 
-def plot_lobes(
-    reference: np.ndarray,
-    valid: np.ndarray,
-    fits: Mapping[str, np.ndarray],
-    path: str | os.PathLike,
-    *,
-    incidence: Sequence[float] = INCIDENCE,
-    columns: int = 5,
-) -> None:
-    """A plot a model, luminance (1/sr, logarithmic) over the signed outgoing angle: the reference filled, the fit as a
-    line, one colour for each incidence angle. All share one scale, so that narrow and broad lobes can be read alike.
+def lobe_values(table: np.ndarray, incidence: Sequence[float] = INCIDENCE) -> list[list[float | None]]:
+    """Luminances (1/sr) of a table without NaN at :func:`outgoing_angles`, a list an incidence angle (degrees)."""
+    angles = np.deg2rad(incidence)
+    return [round_values(lobe(table, angle, outgoing_angles(angle)) ** 3, 3) for angle in angles]
 
-    ``reference``: (90, 90, 180, 3) in 1/sr with its mask ``valid``; ``fits``: title -> table. ValueError without a fit.
+
+def lobe_curves(
+    reference: np.ndarray, tables: Iterable[tuple[str, np.ndarray]], incidence: Sequence[float] = INCIDENCE
+) -> dict[str, Any]:
+    """{incidence (degrees), x (outgoing angles a lobe, degrees), reference and models: luminances (1/sr) a lobe}, of
+    tables (90, 90, 180 or 360, 3) in 1/sr without NaN; those of the models are taken one by one."""
+    return {
+        "incidence": list(incidence),
+        "x": [round_values(np.rad2deg(outgoing_angles(angle))) for angle in np.deg2rad(incidence)],
+        "reference": lobe_values(reference, incidence),
+        "models": {name: lobe_values(table, incidence) for name, table in tables},
+    }
+
+
+def plot_lobes(
+    curves: Mapping[str, Any], titles: Mapping[str, str], path: str | os.PathLike, *, columns: int = 5
+) -> None:
+    """A plot a model of what :func:`lobe_curves` gives, luminance (1/sr, logarithmic) over the signed outgoing angle:
+    the reference filled, the fit as a line, one colour for each incidence angle. All share one scale, so that narrow
+    and broad lobes can be read alike. ValueError without a model.
     """
-    if not fits:
+    models, incidence = curves["models"], curves["incidence"]
+    if not models:
         raise ValueError(f"{path}: no fit to draw lobes of")
-    angles = [np.deg2rad(a) for a in incidence]
-    outgoing = [outgoing_angles(a) for a in angles]
-    reference = extend(reference, valid)
-    measured = [lobe(reference, a, o) ** 3 for a, o in zip(angles, outgoing)]
+    outgoing = [np.array(x) for x in curves["x"]]
+    measured = [np.array(values, float) for values in curves["reference"]]
     top = max(max(float(r.max()) for r in measured), 1e-9)
     # The median of the darkest lobe lies well above the lower edge; seven decades are the most that can be read.
     low = max(min(float(np.median(r)) for r in measured) / 30, top * 1e-8)
-    columns = min(columns, len(fits))
-    rows = -(-len(fits) // columns)
+    columns = min(columns, len(models))
+    rows = -(-len(models) // columns)
     with style.paper():
-        figure, axes = pyplot.subplots(
-            rows, columns, figsize=(style.PAGE, 1.12 * rows + 0.6), squeeze=False, sharex=True, sharey=True,
-            layout="constrained",
-        )  # fmt: skip
-        for axis, (title, table) in zip(axes.flat, fits.items()):
-            filled = extend(np.nan_to_num(table), valid)
-            for n, (theta_i, theta_o, expected) in enumerate(zip(angles, outgoing, measured)):
-                degrees, colour = np.rad2deg(theta_o), style.COLOURS[n]
+        size = (style.PAGE, 1.12 * rows + 0.6)
+        figure, axes = style.panels(rows, columns, size, top=0.5, left=0.6, gaps=(0.08, 0.22), shared=True)
+        for axis, (name, lobes) in zip(axes.flat, models.items()):
+            for n, (degrees, expected, fitted) in enumerate(zip(outgoing, measured, lobes)):
+                colour = style.COLOURS[n]
                 outline = [low, *np.maximum(expected, low), low]
                 axis.fill([degrees[0], *degrees, degrees[-1]], outline, color=colour, alpha=0.22, linewidth=0)
-                fitted = lobe(filled, theta_i, theta_o) ** 3
-                axis.plot(degrees, np.maximum(fitted, low * 1e-3), color=colour, linewidth=0.9)
-            axis.set_title(textwrap.shorten(title, 28, placeholder="…"), fontsize=7, pad=2)
-            axis.set(yscale="log", ylim=(low, 4 * top), xlim=(-90, 90), xticks=[-60, 0, 60])
-        for axis in axes.flat[len(fits) :]:
+                axis.plot(degrees, np.maximum(np.array(fitted, float), low * 1e-3), color=colour, linewidth=0.9)
+            axis.set_title(textwrap.shorten(titles.get(name, name), 28, placeholder="…"), fontsize=6.3, pad=2)
+            axis.set(xlim=(-90, 90), xticks=[-60, 0, 60])
+        style.log_axis(axes[0, 0], low, 4 * top)
+        for axis in axes.flat[len(models) :]:
             axis.set_visible(False)
         handles, names = [], []
         for n, angle in enumerate(incidence):
             handles.append(pyplot.Rectangle((0, 0), 1, 1, color=style.COLOURS[n], alpha=0.22))
             handles.append(pyplot.Line2D([], [], color=style.COLOURS[n]))
             names += [f"reference, θi = {angle:g}°", f"fit, θi = {angle:g}°"]
-        figure.supxlabel("outgoing angle (degrees)", fontsize=7.5)
-        figure.supylabel("BRDF (1/sr)", fontsize=7.5)
-        figure.legend(handles, names, loc="outside upper center", ncols=len(incidence), columnspacing=1.2)
+        figure.supxlabel("outgoing angle (degrees)", fontsize=7.5, y=0.06 / size[1], va="bottom")
+        figure.supylabel("BRDF (1/sr)", fontsize=7.5, x=0.06 / size[0], ha="left")
+        figure.legend(handles, names, loc="upper center", ncols=len(incidence), columnspacing=1.2)
         style.save(figure, path)

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 from brdfatlas.files import atomic_path
 
@@ -67,6 +68,49 @@ def root_axis(axis: Axes) -> None:
     axis.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     axis.set_xticks([0, 1, 5, 15, 30, 60, 90])
     axis.set_xlim(0, 90)
+
+
+def panels(
+    rows: int,
+    columns: int,
+    size: tuple[float, float],
+    *,
+    left: float = 0.55,
+    right: float = 0.1,
+    bottom: float = 0.4,
+    top: float = 0.1,
+    gaps: tuple[float, float] = (0.55, 0.3),
+    shared: bool = False,
+) -> tuple[Figure, np.ndarray]:
+    """A figure of ``size`` and its axes (rows, columns), margins and gaps (across, down) in inches: to measure every
+    text, as Matplotlib's layouts do, takes as long as to draw."""
+    width, height = size
+    each = (width - left - right - (columns - 1) * gaps[0]) / columns
+    tall = (height - bottom - top - (rows - 1) * gaps[1]) / rows
+    return pyplot.subplots(
+        rows, columns, figsize=size, squeeze=False, sharex=shared, sharey=shared,
+        gridspec_kw={
+            "left": left / width, "right": 1 - right / width, "bottom": bottom / height, "top": 1 - top / height,
+            "wspace": gaps[0] / each, "hspace": gaps[1] / tall,
+        },
+    )  # fmt: skip
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def power_of_ten(value: float, position: int | None = None) -> str:
+    """A tick's label, 10⁻³, without the typesetting of formulas, which takes most of a figure's time."""
+    return "10" + str(round(np.log10(value))).translate(_RAISED)
+
+
+def log_axis(axis: Axes, low: float | None = None, high: float | None = None) -> None:
+    """Logarithmic values with a tick at some powers of ten and none between."""
+    axis.set_yscale("log")
+    axis.set_ylim(low, high)
+    axis.yaxis.set_major_locator(LogLocator(numticks=6))
+    axis.yaxis.set_minor_locator(NullLocator())
+    axis.yaxis.set_major_formatter(power_of_ten)
 
 
 def rounded(svg: str) -> str:

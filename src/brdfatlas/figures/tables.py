@@ -21,7 +21,6 @@ import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H
 from brdfatlas.files import write_text
-from brdfatlas.measured import extend
 from brdfatlas.models.base import Factors
 
 STEPS, FLOOR = 64, 1e-5
@@ -41,9 +40,9 @@ def table_file(folder: str | os.PathLike, model: str) -> Path:
     return Path(folder) / "tables" / f"{model}.js"
 
 
-def small_table(table: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """A table (90, 90, 180 or 360, 3) on the viewer's grid, (90, THETA_D, PHI_D or 2 PHI_D, 3) float32 in 1/sr."""
-    full = extend(table, valid)
+def small_table(full: np.ndarray) -> np.ndarray:
+    """A table (90, 90, 180 or 360, 3) in 1/sr without NaN on the viewer's grid, (90, THETA_D, PHI_D or 2 PHI_D, 3)
+    float32."""
     half = full.shape[2] // 2
     mirrored = (full[:, :, :half] + full[:, :, half:][:, :, ::-1]) / 2
     blocks = mirrored.reshape(N_THETA_H, THETA_D, N_THETA_D // THETA_D, PHI_D * half * 2 // N_PHI_D, -1, 3)
@@ -66,8 +65,8 @@ def decode_table(text: str, cells: tuple[int, int, int]) -> np.ndarray:
     )
 
 
-def write_table(path: str | os.PathLike, name: str, table: np.ndarray, valid: np.ndarray) -> None:
-    """Write a table for the viewer; ``name``: material/model."""
-    values = small_table(table, valid)
+def write_table(path: str | os.PathLike, name: str, table: np.ndarray) -> None:
+    """Write a table (90, 90, 180 or 360, 3) in 1/sr without NaN for the viewer; ``name``: material/model."""
+    values = small_table(table)
     cells = list(values.shape[:3])
     write_text(path, f'window.ATLAS_TABLE({json.dumps(name)},{cells},"{encode_table(values)}");\n')

@@ -54,8 +54,8 @@ def _missing(alpha, mu, eta, radial, angular, missing):
     x, z = alpha * sine / stretched, mu / stretched
     for a in range(radial):
         radius = np.sqrt((a + 0.5) / radial)
-        for b in range(angular):
-            angle = 2 * np.pi * (b + 0.5) / angular
+        for b in range(angular // 2):  # the other half is its mirror image in the plane of incidence
+            angle = np.pi * (2 * b + 1) / angular - 0.5 * np.pi
             t1 = radius * np.cos(angle)
             share = 0.5 * (1 + z)
             t2 = (1 - share) * np.sqrt(1 - t1 * t1) + share * radius * np.sin(angle)
@@ -66,7 +66,9 @@ def _missing(alpha, mu, eta, radial, angular, missing):
             cos_d = min(max((hx * sine + hz * mu) / length, 0.0), 1.0)
             out = 2 * cos_d * hz / length - mu
             if out > 0:
-                passed = 2 * out / (out + np.sqrt(alpha * alpha * (1 - out * out) + out * out)) / (radial * angular)
+                passed = (
+                    2 * out / (out + np.sqrt(alpha * alpha * (1 - out * out) + out * out)) / (radial * (angular // 2))
+                )
                 for e in range(eta.size):
                     missing[e] -= passed if eta[e] == 0 else passed * fresnel(cos_d, eta[e])
 
