@@ -100,16 +100,24 @@ def compressive_weights(
     return np.stack([compressive_weight(table[..., c], importance, power) for c in range(3)], -1)
 
 
+@njit(cache=True, nogil=True)
+def _weighted_squares(fitted, table, weights):
+    """sum w (f - rho)^2 and sum w rho^2 of each channel, (2, 3); arrays (n, 3)."""
+    sums = np.zeros((2, 3))
+    for i in range(len(table)):
+        for c in range(3):
+            if weights[i, c] > 0:
+                rho = np.float64(table[i, c])
+                sums[0, c] += weights[i, c] * (np.float64(fitted[i, c]) - rho) ** 2
+                sums[1, c] += weights[i, c] * rho * rho
+    return sums
+
+
 def relative_objective(fitted: np.ndarray, table: np.ndarray, weights: np.ndarray) -> float:
     """sum w (f - rho)^2 / sum w rho^2 per channel, averaged over rgb, for tables and weights (..., 3); a dark
     channel counts its absolute error."""
-    errors = []
-    for c in range(3):
-        keep = weights[..., c] > 0
-        w, f, rho = weights[..., c][keep], fitted[..., c][keep].astype(float), table[..., c][keep].astype(float)
-        power = float((w * rho * rho).sum())
-        errors.append(float((w * (f - rho) ** 2).sum()) / (power if power > 0 else 1.0))
-    return float(np.mean(errors))
+    errors, powers = _weighted_squares(*(x.reshape(-1, 3) for x in (fitted, table, weights)))
+    return float(np.mean(errors / np.where(powers > 0, powers, 1.0)))
 
 
 def least_squares_weights(table: np.ndarray, objective: str, max_angle: float = MAX_ANGLE) -> np.ndarray:
@@ -148,18 +156,44 @@ def graded_weights(table: np.ndarray, objective: str, max_angle: float, grazing:
     return (grazing * whole + inner) / (1 + grazing)
 
 
+@njit(cache=True, nogil=True)
+def _deviation(a, b, weights, cosines, logarithmic, squared):
+    """sum over samples of w times the sum over rgb of the difference of a cos and b cos, of their log1p if
+    ``logarithmic``, its absolute value or its square; tables (n, 3), samples of weight 0 may be NaN."""
+    total = 0.0
+    for i in range(len(a)):
+        if weights[i] > 0:
+            cosine, part = np.float64(cosines[i]), 0.0
+            for c in range(3):
+                x, y = a[i, c] * cosine, b[i, c] * cosine
+                if logarithmic:
+                    x, y = np.log1p(max(x, 0.0)), np.log1p(max(y, 0.0))
+                part += (x - y) ** 2 if squared else abs(x - y)
+            total += weights[i] * part
+    return total
+
+
+def _common(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cells (90, 90, 180) where both tables are valid."""
+    return ~(np.isnan(a[..., 0]) | np.isnan(b[..., 0]))
+
+
+def _mean_deviation(a: np.ndarray, b: np.ndarray, weights: np.ndarray, *, logarithmic: bool, squared: bool) -> float:
+    """Weighted mean over samples of :func:`_deviation`, cos(theta_i) 0 below the horizon. NaN if none counts."""
+    cosines = np.maximum(grid_cosines()[0], 0).ravel()
+    weights = np.ascontiguousarray(weights, float).ravel()
+    total = weights.sum()
+    if not total > 0:
+        return float("nan")
+    return float(_deviation(a.reshape(-1, 3), b.reshape(-1, 3), weights, cosines, logarithmic, squared) / total)
+
+
 def log_deviation(a: np.ndarray, b: np.ndarray, min_cosine: float = 0.1) -> float:
     """mean |log1p(f cos) - log1p(g cos)| over cells where both tables are valid and both cosines exceed
     ``min_cosine``; cos is cos(theta_i). For two tables (90, 90, 180, 3) in 1/sr; symmetric, 0 for equal tables, NaN
     where they have no such cell in common."""
-    cos_i, cos_o = grid_cosines()
-    keep = (np.minimum(cos_i, cos_o) > min_cosine) & ~np.isnan(a[..., 0]) & ~np.isnan(b[..., 0])
-    if not keep.any():
-        return float("nan")
-    cosine = cos_i[keep].astype(float)[:, None]
-    with np.errstate(invalid="ignore"):
-        difference = np.log1p(np.maximum(a[keep] * cosine, 0)) - np.log1p(np.maximum(b[keep] * cosine, 0))
-    return float(np.mean(np.abs(difference)))
+    keep = (np.minimum(*grid_cosines()) > min_cosine) & _common(a, b)
+    return _mean_deviation(a, b, keep, logarithmic=True, squared=False) / 3
 
 
 def e2_weights(valid: np.ndarray, max_angle: float = E2_ANGLE) -> np.ndarray:
@@ -186,18 +220,13 @@ def within(table: np.ndarray, max_angle: float) -> np.ndarray:
 def loew_e2(a: np.ndarray, b: np.ndarray, max_angle: float = E2_ANGLE) -> float:
     """Löw et al. 2012, E2: mean over direction pairs (:func:`e2_weights`) of the squared difference of
     ln(1 + rho cos theta_i), summed over rgb; both tables (90, 90, 180, 3), 1/sr, NaN for invalid."""
-    weights = e2_weights(~np.isnan(a[..., 0]) & ~np.isnan(b[..., 0]), max_angle)
-    keep = weights > 0
-    cosine = np.maximum(grid_cosines()[0][keep].astype(float), 0)[:, None]
-    difference = np.log1p(np.maximum(a[keep] * cosine, 0)) - np.log1p(np.maximum(b[keep] * cosine, 0))
-    return float(weights[keep] @ np.sum(difference**2, -1))
+    weights = e2_weights(_common(a, b), max_angle)
+    return _mean_deviation(a, b, weights, logarithmic=True, squared=True)
 
 
 def cosine_weighted(a: np.ndarray, b: np.ndarray) -> float:
     """Ngan et al. 2005: root of the mean of ((rho - rho*) cos theta_i)^2 over direction pairs (solid-angle measure,
     both angles <= 89 degrees), rgb averaged; tables (90, 90, 180, 3) in 1/sr."""
-    cos_i, cos_o = grid_cosines()
-    keep = (np.minimum(cos_i, cos_o) >= np.cos(MAX_ANGLE)) & ~np.isnan(a[..., 0]) & ~np.isnan(b[..., 0])
-    weight = np.broadcast_to(pair_measure(), keep.shape)[keep]
-    squared = ((a[keep].astype(float) - b[keep]) * cos_i[keep][:, None]) ** 2
-    return float(np.sqrt((weight[:, None] * squared).sum() / (3 * weight.sum())))
+    keep = (np.minimum(*grid_cosines()) >= np.cos(MAX_ANGLE)) & _common(a, b)
+    mean = _mean_deviation(a, b, np.where(keep, pair_measure(), 0.0), logarithmic=False, squared=True)
+    return float(np.sqrt(mean / 3))
