@@ -229,7 +229,7 @@ def test_variants_without_rgb_are_refused_in_one_line(name):
 
 def test_threads_may_use_the_plugin_in_turns(binary):
     """Each thread has its own variant and may register; a scene is loaded, rendered and dropped while no other thread
-    renders, for a render calls every object of its class, also one that another thread is about to free."""
+    renders: Mitsuba's own shapes are called while another thread frees them, too."""
     mi = variant()
     turn, found, faults = threading.Lock(), [], []
 
