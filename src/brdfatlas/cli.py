@@ -5,6 +5,7 @@ import contextlib
 import dataclasses
 import io
 import json
+import math
 import os
 import sys
 import tempfile
@@ -144,9 +145,13 @@ def info_command(args: argparse.Namespace) -> dict[str, Any]:
             *shares,
             f"range {low:.6g} to {high:.6g} 1/sr",
             f"albedo at 30 degrees (rgb) {albedo}",
-            f"class {described['class']} (diffuseness {described['diffuseness']:.4g})",
+            f"class {described['class']} ({_spread(described['diffuseness'])})",
         )
     return described
+
+
+def _spread(diffuseness: float) -> str:
+    return f"diffuseness {diffuseness:.4g}" if math.isfinite(diffuseness) else "it reflects nothing"
 
 
 def read_aloud(path: str) -> Measured:

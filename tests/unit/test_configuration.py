@@ -314,6 +314,10 @@ def test_any_mixture_of_files_is_found_by_content(tmp_path, good_file):
     (tmp_path / "silk.csv").write_text("\n".join(CSV))
     with pytest.raises(ConfigError, match=r"silk\.csv and .*silk_rgb\.bsdf would both be the material 'silk'"):
         find_materials(config, "standins", tmp_path / "none.json")
+    # their folders would be one on a system that takes no heed of case
+    (tmp_path / "silk.csv").rename(tmp_path / "SILK.csv")
+    with pytest.raises(ConfigError, match=r"SILK\.csv and .*silk_rgb\.bsdf would both be the material 'silk'"):
+        find_materials(config, "standins", tmp_path / "none.json")
 
 
 UNUSABLE = ["checks", "model-ggx", "good.brdf", "0" * 20, "a" * 100, "a b", "-rf", "é", "line\nbreak"]

@@ -77,6 +77,7 @@ def test_entries_of_a_run_stand_over_those_of_the_package(monkeypatch):
         ({"mine": {"model": "gxx"}}, "mine: unknown model 'gxx'; known: .*needs source: FILE.py"),
         ({"reference_again": {}}, "reserved"),
         ({"low": {"model": "low_rank", "rank": 0}}, "low: model low_rank: rank = 0 is not a whole number of 1 to 90"),
+        ({"ggx": {}, "GGX": {"model": "ggx"}}, "ggx and GGX differ in case alone|GGX and ggx differ in case alone"),
         ({"mine": {"model": 3}}, "mine.model: 3 is not of type 'string'"),
         ({"given": {"model": "ward", "parameters": "gone.csv"}}, "given: parameters: gone.csv: no such file"),
     ],

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,10 @@ def read_entries(paths: str | Path | Sequence[str | Path]) -> dict[str, Entry]:
                 f"{path}: {min(entries.keys() & found.keys())}: another file has this name, choose another"
             )
         entries |= found
+        names = sorted(entries, key=str.casefold)
+        for name, other in pairwise(names):
+            if name.casefold() == other.casefold():  # their files would be one where case makes no difference
+                raise ConfigError(f"{path}: {name} and {other} differ in case alone, choose another name for one")
     return entries
 
 

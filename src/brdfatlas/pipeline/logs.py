@@ -46,6 +46,11 @@ def fault(error: BaseException) -> str:
     """An error in one line; with the remedy where it names a file that a run made."""
     words = f"{type(error).__name__}: {' '.join(str(error).split())}"
     named = RESULT.search(words)
-    if named and Path(named[0]).is_file() and not getattr(error, "errno", None):
-        return f"{words}; if {named[0]} is damaged, delete it: the next run makes it again"
+    if (
+        named
+        and Path(named[0]).exists()
+        and (isinstance(error, IsADirectoryError) or not getattr(error, "errno", None))
+    ):
+        damaged = Path(named[0]).is_file() or re.search("a folder|[nN]ot a regular file|Is a directory", words)
+        return f"{words}; if {named[0]} is damaged, delete it: the next run makes it again" if damaged else words
     return words

@@ -67,17 +67,19 @@ def shown(path: str | Path) -> str:
 def _files(folders: list[Path]) -> dict[str, Path]:
     """name -> file of everything that is a measurement by its content, or by its ending claims to be one.
 
-    ConfigError for two files of one name.
+    ConfigError for two files of one name, or of names that a system which takes no heed of case would confuse.
     """
     files: dict[str, Path] = {}
+    taken: dict[str, Path] = {}
     for path in (path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())):
         # hidden files are unfinished writes, and what other systems leave beside files ("._chrome.binary")
         if path.name.startswith(".") or not (path.suffix.lower() in ENDINGS or _is_measurement(path)):
             continue
         name = name_of(path)
-        if name in files:
+        other = taken.setdefault(name.casefold(), path)
+        if other != path:
             raise ConfigError(
-                f"{shown(files[name])} and {shown(path)} would both be the material {shown(name)!r}; rename one of them"
+                f"{shown(other)} and {shown(path)} would both be the material {shown(name)!r}; rename one of them"
             )
         files[name] = path
     return files
