@@ -18,7 +18,7 @@ report: $(READY)  ## set up once, then run the pipeline on the built-in default
 
 test: $(READY)  ## set up once, then run every test
 	@scripts/setup browser
-	@$(BIN)/python -m pytest --numprocesses $(CORES) --dist loadgroup
+	@$(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile
 
 test-slurm: $(READY)  ## the small run through a real Slurm on this machine (Debian, root)
 	@scripts/setup slurm

@@ -1,5 +1,6 @@
 """Shared by all tests: a small copy of the project in which workflow tests run Snakemake."""
 
+import fcntl
 import json
 import os
 import shutil
@@ -26,14 +27,6 @@ TINY = {
     "render": {"size": 24, "samples": 8, "batches": 4},
     "pdf": False,
 }
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of tests side by side those of one file stay together, and so do the files that share the finished run."""
-    shared = {item.path for item in items if "finished_run" in item.fixturenames}
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group("finished run" if item.path in shared else str(item.path)))
 
 
 @dataclass(frozen=True)
@@ -114,9 +107,19 @@ def project_in() -> Callable[[Path], Project]:
 @pytest.fixture(scope="session")
 def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Project:
     """The small project after a complete run. Tests may read it and plan in it, and must restore what they change."""
-    project = copy_project(tmp_path_factory.mktemp("finished"))
-    project.snakemake()
-    return project
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        project = copy_project(tmp_path_factory.mktemp("finished"))
+        project.snakemake()
+        return project
+    # Processes side by side: one of them runs it, each has a copy.
+    run = tmp_path_factory.getbasetemp().parent / "finished"
+    with open(f"{run}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not run.exists():
+            first = copy_project(tmp_path_factory.mktemp("unfinished"))
+            first.snakemake()
+            first.root.rename(run)
+    return Project(shutil.copytree(run, tmp_path_factory.mktemp("finished") / "run", symlinks=True))
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ import numpy as np
 
 from brdfatlas.angles import grid_axes, grid_cosines, pair_measure, slice_measure
 from brdfatlas.compiled import njit
-from brdfatlas.constants import E2_ANGLE, MAX_ANGLE
+from brdfatlas.constants import E2_ANGLE, LUMINANCE, MAX_ANGLE
 
 
 def importance_weight(valid: np.ndarray, *, measure: str = "slice", max_angle: float = MAX_ANGLE) -> np.ndarray:
@@ -120,13 +120,22 @@ def relative_objective(fitted: np.ndarray, table: np.ndarray, weights: np.ndarra
     return float(np.mean(errors / np.where(powers > 0, powers, 1.0)))
 
 
-def least_squares_weights(table: np.ndarray, objective: str, max_angle: float = MAX_ANGLE) -> np.ndarray:
+def least_squares_weights(
+    table: np.ndarray, objective: str, max_angle: float = MAX_ANGLE, *, together: bool = False
+) -> np.ndarray:
     """Weights (90, 90, 180, 3) whose weighted sum of squares is the objective.
 
     ``objective``: "compressive", :func:`relative_objective` in Bagher 2016's weights; "cosine", the square of
-    :func:`cosine_weighted`. ``max_angle`` (radians): of the compressive one. Raises ValueError if no valid sample lies
-    within 89 degrees.
+    :func:`cosine_weighted`. Of the compressive one: ``max_angle`` (radians), and ``together`` for one weight of rgb,
+    that of the luminance. Raises ValueError if no valid sample lies within 89 degrees.
     """
+    if objective == "compressive" and together:
+        importance = importance_weight(~np.isnan(table[..., 0]), max_angle=max_angle)
+        values = np.nan_to_num(table)
+        luminance = np.maximum(values @ LUMINANCE.astype(np.float32), 0)
+        weight = compressive_weight(luminance, importance)
+        power = float(np.einsum("hdp,hdpc,hdpc->", weight, values, values))
+        return np.repeat((weight / (power if power > 0 else 1.0))[..., None], 3, -1)
     if objective == "compressive":
         weights = compressive_weights(table, max_angle=max_angle)
         for c in range(3):
@@ -145,14 +154,18 @@ def least_squares_weights(table: np.ndarray, objective: str, max_angle: float = 
     return np.repeat(weight[..., None], 3, -1)
 
 
-def graded_weights(table: np.ndarray, objective: str, max_angle: float, grazing: float) -> np.ndarray:
+def graded_weights(
+    table: np.ndarray, objective: str, max_angle: float, grazing: float, *, together: bool = False
+) -> np.ndarray:
     """:func:`least_squares_weights`, but that the compressive metric counts in full within ``max_angle`` (radians) and
     by ``grazing`` of its whole range beyond: 1 / (cos theta_i cos theta_o) would make the last degrees rule the fit,
     which measurements know least. Under "e2", the weights of the optimum from which it starts, the compressive ones.
     ``table`` and the weights: (90, 90, 180, 3)."""
     if objective == "cosine":
         return least_squares_weights(table, "cosine")
-    whole, inner = (least_squares_weights(table, "compressive", angle) for angle in (MAX_ANGLE, max_angle))
+    whole, inner = (
+        least_squares_weights(table, "compressive", angle, together=together) for angle in (MAX_ANGLE, max_angle)
+    )
     return (grazing * whole + inner) / (1 + grazing)
 
 

@@ -46,6 +46,12 @@ MAX_ANGLE_OPTION = Option(
     low=1.0,
     high=89.0,
 )
+CHANNELS = Option(
+    "together",
+    "compressive only: one weight for rgb, that of the luminance, or the published one of each channel, under which a "
+    "dark channel counts as much as a bright one and no highlight that all channels share has room",
+    ("together", "apart"),
+)
 #: Coarse and fine cells: so many neighbours in theta_d are merged, and so many cells of phi_d are left.
 COARSE, FINE = (6, 3), (2, 9)
 
@@ -138,9 +144,17 @@ class Samples:
 class Grid:
     """A material's samples on the grid with an objective's weights, from which coarser :class:`Samples` are merged."""
 
-    def __init__(self, table: np.ndarray, objective: str, max_angle: float = MAX_ANGLE, grazing: float = 0.0) -> None:
-        """``max_angle`` (radians) and ``grazing``: of the compressive metric (:func:`graded_weights`). Raises
-        ValueError where no sample counts."""
+    def __init__(
+        self,
+        table: np.ndarray,
+        objective: str,
+        max_angle: float = MAX_ANGLE,
+        grazing: float = 0.0,
+        *,
+        together: bool = False,
+    ) -> None:
+        """``max_angle`` (radians), ``grazing`` and ``together``: of the compressive metric (:func:`graded_weights`).
+        Raises ValueError where no sample counts."""
         half = grid_geometry()
         self.logarithm = objective == "e2"
         if self.logarithm:
@@ -149,7 +163,7 @@ class Grid:
             self.geometry = np.concatenate([half, mirrored], 2)
             self.weights, self.sums, self.power = _e2_sums(table)
             return
-        weights = graded_weights(table, objective, max_angle, grazing)
+        weights = graded_weights(table, objective, max_angle, grazing, together=together)
         sums = weights * np.nan_to_num(table)
         self.power = float(np.einsum("hdpc,hdpc->", sums, np.nan_to_num(table)))
         self.geometry = half
@@ -195,6 +209,7 @@ class EngineModel(Model):
         "objective": objective_option("compressive"),
         "max_angle": MAX_ANGLE_OPTION,
         "grazing": grazing_option(0.1),
+        "channels": CHANNELS,
         "starts": STARTS,
     }
     #: parameters fitted by their logarithm, because they span decades
@@ -246,10 +261,11 @@ class EngineModel(Model):
         """The best of many starts inside the parameters' ranges. Raises FitError where no sample counts, or the
         objective is finite nowhere."""
         chosen = self.check_options(options)
+        together = chosen["channels"] == "together"
         try:
             limit = np.deg2rad(chosen["max_angle"])
             table = within(measured.table, limit) if chosen["objective"] == "e2" else measured.table
-            grid = Grid(table, chosen["objective"], limit, chosen["grazing"])
+            grid = Grid(table, chosen["objective"], limit, chosen["grazing"], together=together)
             space = Space(self, self.fixed(chosen))
             found, ends = self.best(space, grid, measured, chosen, seed)
         except (NoFiniteStartError, ValueError) as error:
@@ -262,6 +278,7 @@ class EngineModel(Model):
         if chosen["objective"] != "cosine":
             grazing = chosen["grazing"] if chosen["objective"] == "compressive" else None
             name = objective_words(chosen["objective"], chosen["max_angle"], grazing)
+            name += ", one weight for rgb" if grazing is not None and together else ""
         message = "; ".join(filter(None, [found.message, *self.warnings(parameters, chosen)]))
         details = {"starts": ends, "history": found.history, "bounds": self.at_bounds(parameters, chosen)}
         return Result(parameters, value, name, found.iterations, found.converged, message, details)
