@@ -19,7 +19,7 @@ import numpy as np
 
 from brdfatlas.angles import theta_d_centres
 from brdfatlas.compiled import njit
-from brdfatlas.models.base import Option, Paper, Parameter, objective_option
+from brdfatlas.models.base import Option, Paper, Parameter
 from brdfatlas.models.engine.base import (
     EngineModel,
     fifth,
@@ -309,7 +309,6 @@ class OpenPBR(EngineModel):
     )
     options: ClassVar[Mapping[str, Option]] = {
         **EngineModel.options,
-        "objective": objective_option("e2"),
         "coat": Option(False, "whether a coat is fitted as well"),
     }
     kernel = kernel
