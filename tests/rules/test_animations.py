@@ -1,4 +1,4 @@
-"""The rules animations and draw_animation: only when asked for, then linked from the page."""
+"""The rules animations, draw_animation and draw_convergence: only when asked for, then linked from the page."""
 
 import json
 import shutil
@@ -32,3 +32,16 @@ def test_a_model_that_is_not_in_the_run_is_refused(finished_run):
     done = finished_run.snakemake("--dry-run", "--config", "animation={model: sgd}", "--", "animations", check=False)
     assert done.returncode != 0
     assert "config: animation.model: 'sgd' is not known; known: ggx, gaussian" in done.stdout
+
+
+def test_the_starts_of_independent_factors_are_shown_where_they_are_in_the_run(finished_run, tmp_path):
+    project = type(finished_run)(tmp_path / "project")
+    shutil.copytree(finished_run.root, project.root)
+    project.configure(materials=["pink-felt"], models=["ggx", "independent_g"])
+    target = "reports/materials/pink-felt/convergence.webp"
+    done = project.snakemake("--", target)
+    assert project.jobs(done.stdout) == {"draw_convergence": 1}
+    with Image.open(project.root / target) as image:
+        assert image.n_frames > 5
+    assert project.planned("--", "animations")["draw_animation"] == 1
+    assert project.planned("--", "reports/materials/pink-felt.html")["write_material_page"] == 1

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from brdfatlas.figures.convergence import convergence_frames
 from brdfatlas.fits import Fit
 from brdfatlas.measured import Measured
+from brdfatlas.models import MODELS
 from brdfatlas.rendering import use_variant
 from brdfatlas.rendering.jobs import render_models, render_turning
 from brdfatlas.rendering.scenes import PreparedScene, prepare_scene, read_scenes, turn_light
@@ -104,3 +106,21 @@ def test_the_recommended_model_and_another(tmp_path, values, chosen, shown):
     names = ["lambert", "ggx_diffuse", "independent_g"]
     material = made_material(tmp_path, dict(zip(names, values, strict=True)))
     assert animated_models(material, names, chosen) == shown
+
+
+def test_starts_of_the_independent_factors_never_rise_and_end_as_the_fit(measured):
+    """Every picture is of a state of the descent; the best end is the fit's."""
+    model = MODELS["independent_g"]
+    runs = model.convergence(measured, channel=2)
+    assert len(runs) == 8
+    for run in runs:
+        objectives = [state.objective for state in run.trace.states]
+        assert objectives == run.trace.history
+        assert (np.diff(objectives) <= 0).all()
+    best = min(run.state.objective / run.problem.power for run in runs)
+    channels = model.fit(measured).details["channels"]
+    assert best == pytest.approx(channels[2]["objective"], rel=1e-12)
+    frames = list(convergence_frames(runs, still=2))
+    assert len(frames) == max(len(run.trace.states) for run in runs) + 1
+    assert not np.array_equal(frames[0], frames[-1])
+    assert np.array_equal(frames[-2], frames[-1])

@@ -1,5 +1,8 @@
-# fits, errors --> an animation of a material, only when asked for: `snakemake animations`. The pages link those that are
+# fits, errors --> animations of a material, only when asked for: `snakemake animations`. The pages link those that are
 # there the next time the report is made.
+
+# The entry whose eight starts are shown, if one is in the run.
+EIGHT_STARTS = [name for name in MODELS if ALL_ENTRIES[name].model == "independent_g"][:1]
 
 
 localrules:
@@ -9,6 +12,7 @@ localrules:
 rule animations:
     input:
         lambda wildcards: made_by(rules.draw_animation, material=MATERIALS),
+        lambda wildcards: made_by(rules.draw_convergence, material=MATERIALS if EIGHT_STARTS else []),
     message:
         "animations are made; `snakemake` links them from the pages"
 
@@ -48,3 +52,25 @@ rule draw_animation:
         "animating {wildcards.material}"
     script:
         "../scripts/draw_animation.py"
+
+
+rule draw_convergence:
+    input:
+        binary=binary_of,
+    output:
+        "reports/materials/{material}/convergence.webp",
+    log:
+        "results/logs/draw_convergence/{material}.log",
+    benchmark:
+        "results/benchmarks/draw_convergence/{material}.tsv"
+    priority: first_material_first
+    resources:
+        mem_mb=1200,
+        runtime=10,
+    params:
+        provenance=provenance("brdfatlas.reports.animation", libraries=(*FITTING, "matplotlib", "pillow")),
+        entry=[ALL_ENTRIES[name].plain for name in EIGHT_STARTS],
+    message:
+        "eight starts of independent factors on {wildcards.material}"
+    script:
+        "../scripts/draw_convergence.py"

@@ -170,6 +170,12 @@ def animation_files(wildcards):
     return files if all(os.path.exists(file) for file in files) else []
 
 
+def convergence_files(wildcards):
+    """The animation of a fit's starts, where `snakemake animations` has made it."""
+    files = made_by(rules.draw_convergence, material=[wildcards.material])
+    return [file for file in files if EIGHT_STARTS and os.path.exists(file)]
+
+
 def render_settings(wildcards):
     """How a scene is rendered: samples, batches, seed and Mitsuba's variant."""
     settings = {key: config["render"][key] for key in ("samples", "batches", "seed", "variant")}

@@ -69,6 +69,7 @@ rule write_material_page:
         bars=expand("reports/assets/bar-{kind}.svg", kind=["de00", "flip", "diff"]),
         published=expand(f"{PUBLISHED}/bilgili2011/{{table}}.csv", table=PUBLISHED_LOBES + ["psnr"]),
         animation=animation_files,
+        convergence=convergence_files,
     output:
         page="reports/materials/{material}.html",
         thumbnail="reports/materials/{material}/thumb.webp",

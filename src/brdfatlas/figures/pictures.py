@@ -43,6 +43,7 @@ from brdfatlas.rendering.images import Render, load_render, tone_map
 DE00_RANGE, FLIP_RANGE = (0.1, 30.0), (0.01, 1.0)
 #: The animation of a material, in its folder (reports.animation).
 ANIMATION = "animation.webp"
+CONVERGENCE = "convergence.webp"
 KINDS = ("render", "de00", "flip", "diff")
 
 

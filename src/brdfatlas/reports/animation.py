@@ -1,4 +1,5 @@
-"""An animation of one material: the environment turns once about the vertical, the reference beside two of its fits."""
+"""Animations of one material: the environment turns once about the vertical, the reference beside two of its fits; and
+the starts of the independent factors on the way to their ends."""
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -9,12 +10,14 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from brdfatlas.constants import REFERENCE
+from brdfatlas.figures.convergence import convergence_frames
 from brdfatlas.files import atomic_path, write_json
 from brdfatlas.fits import load_fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
 from brdfatlas.measures.errors import to_8_bit
 from brdfatlas.measures.summary import BUDGETS, LEADING
+from brdfatlas.models import MODELS
 from brdfatlas.rendering import use_variant
 from brdfatlas.rendering.images import tone_map
 from brdfatlas.rendering.jobs import render_turning
@@ -48,12 +51,15 @@ def turning_frames(
         yield np.concatenate([to_8_bit(tone_map(image, exposure, gamma)) for image in renders.values()], 1)
 
 
-def write_animation(path: str | os.PathLike, frames: Iterable[np.ndarray], names: Sequence[str]) -> None:
-    """Write frames (h, w, 3) uint8 as an endless WebP with a line of names below equal parts of its width."""
+def write_animation(
+    path: str | os.PathLike, frames: Iterable[np.ndarray], names: Sequence[str], seconds: float = TURN
+) -> None:
+    """Write frames (h, w, 3) uint8 as an endless WebP of so many ``seconds``, with a line of ``names`` below equal
+    parts of its width."""
     pictures = []
     for frame in frames:
         height, width = frame.shape[:2]
-        picture = Image.new("RGB", (width, height + LABEL), "white")
+        picture = Image.new("RGB", (width, height + LABEL * bool(names)), "white")
         picture.paste(Image.fromarray(frame))
         draw = ImageDraw.Draw(picture)
         for place, name in enumerate(names):
@@ -62,7 +68,7 @@ def write_animation(path: str | os.PathLike, frames: Iterable[np.ndarray], names
         pictures.append(picture)
     with atomic_path(path) as temporary:
         options = {"save_all": True, "append_images": pictures[1:], "loop": 0, "quality": 80, "method": 2}
-        pictures[0].save(temporary, "WEBP", duration=round(1000 * TURN / len(pictures)), **options)
+        pictures[0].save(temporary, "WEBP", duration=round(1000 * seconds / len(pictures)), **options)
 
 
 def animation_job(
@@ -92,3 +98,10 @@ def animation_job(
     frames = turning_frames(prepared, read(binary), tables, settings["frames"], **counts)
     write_animation(output, frames, [REFERENCE, *(model_facts(name).title for name in shown)])
     write_json(listing, {"scene": scene[0], "models": shown})
+
+
+def convergence_job(binary: str | os.PathLike, entry: str, output: str | os.PathLike, *, seconds: float = 6.0) -> None:
+    """Draw how the starts of an entry of ``independent_g`` come to their ends on a material, green channel. FitError
+    for one without green light."""
+    runs = MODELS[entry].convergence(read(binary))
+    write_animation(output, convergence_frames(runs), [], seconds)

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import pandas as pd
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
-from brdfatlas.figures.pictures import ANIMATION, picture_file
+from brdfatlas.figures.pictures import ANIMATION, CONVERGENCE, picture_file
 from brdfatlas.files import read_json
 from brdfatlas.measures.summary import BRDF_MEASURES, BUDGETS, LEADING, MEASURES, PSNR, Summary, best_by_noise, best_of
 from brdfatlas.reports.data import (
@@ -431,6 +431,12 @@ def diagnostics(page: Path, folder: Path, entries: Sequence[Entry]) -> list[tupl
     for entry in entries:
         text = "Objective over the iterations of every start, one plot per colour channel."
         add(folder / "convergence" / f"{entry.name}.svg", entry.title, text)
+    add(
+        folder / CONVERGENCE,
+        "Eight starts",
+        "Animation: D, F and G of every start of the independent factors, one picture per iteration, green channel. "
+        "Starts that are far from the best, or meet another, are not followed to the end.",
+    )
     placed = {"samples.svg", "lobes.svg", "weights.svg", "functions.svg"}
     for path in sorted(folder.glob("*.svg")):
         if path.name not in placed:

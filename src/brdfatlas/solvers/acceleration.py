@@ -33,12 +33,20 @@ class Problem(Protocol):
 
 @dataclass
 class Trace:
-    """How a minimisation went. ``history`` holds the objective after every iteration, the start's first."""
+    """How a minimisation went. ``history`` holds the objective after every iteration, the start's first; ``states``, if
+    it is a list, the points themselves."""
 
     history: list[float] = field(default_factory=list)
+    states: list[Any] | None = None
     sweeps: int = 0
     joint_steps: int = 0
     converged: bool = False
+
+    def note(self, state: Any) -> None:
+        """Keep the point that an iteration reached."""
+        self.history.append(state.objective)
+        if self.states is not None:
+            self.states.append(state)
 
     @property
     def iterations(self) -> int:
@@ -52,7 +60,7 @@ def alternate(problem: Problem, state: Any, trace: Trace, *, sweeps: int, tolera
         before = state.objective
         state = problem.sweep(state)
         trace.sweeps += 1
-        trace.history.append(state.objective)
+        trace.note(state)
         quiet = quiet + 1 if before - state.objective <= tolerance * before else 0
         if quiet == 3:
             trace.converged = True
@@ -82,7 +90,7 @@ def accelerate(
         state = trial
         damping = max(damping / 8.0, 1e-9)
         trace.joint_steps += 1
-        trace.history.append(state.objective)
+        trace.note(state)
         if quiet == 2:
             trace.converged = True
             break

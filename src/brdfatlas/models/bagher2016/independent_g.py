@@ -74,13 +74,15 @@ def starting_factors(
     return starts
 
 
-def fit_from_starts(channel: Channel, starts: Mapping[str, Factors], options: Mapping[str, Any]) -> ChannelFit:
-    """Follow every start, then the best and those close to it to the end; the best end wins."""
+def follow_starts(
+    channel: Channel, starts: Mapping[str, Factors], options: Mapping[str, Any], *, keep: bool = False
+) -> list[Run]:
+    """Follow every start, then the best and those close to it to the end; ``keep``: with the states on the way."""
     runs = []
     for name, (d, f, g) in starts.items():
         problem = FactorProblem(channel, clamp=options.get("clamp", CLAMP), smoothing=SMOOTHING)
-        run = Run(name, problem, problem.start(d, f, g))
-        run.trace.history.append(run.state.objective)
+        run = Run(name, problem, problem.start(d, f, g), Trace(states=[] if keep else None))
+        run.trace.note(run.state)
         if options["accelerate"]:
             run.state = alternate(problem, run.state, run.trace, sweeps=FIRST_SWEEPS, tolerance=1e-8)
             run.state = accelerate(problem, run.state, run.trace, steps=FIRST_STEPS, tolerance=1e-4)
@@ -98,6 +100,12 @@ def fit_from_starts(channel: Channel, starts: Mapping[str, Factors], options: Ma
                 ends.append(run.state.objective)
                 run.state = alternate(run.problem, run.state, run.trace, sweeps=1, tolerance=0.0)
                 run.state = accelerate(run.problem, run.state, run.trace, steps=60, tolerance=TOLERANCE)
+    return runs
+
+
+def fit_from_starts(channel: Channel, starts: Mapping[str, Factors], options: Mapping[str, Any]) -> ChannelFit:
+    """The best of the ends of :func:`follow_starts`."""
+    runs = follow_starts(channel, starts, options)
     best = min(runs, key=lambda run: run.state.objective)
     best.trace.history = relative(best.trace.history, channel.power)
     reports = [
@@ -165,6 +173,17 @@ class IndependentG(MicrofacetFactors):
             whose = "published lower bound" if clamp == CLAMP else "lower bound"
             result.message = f"{held} of {d.size} values of D lie at the {whose}, {clamp:g} of its largest"
         return result
+
+    def convergence(self, measured: Measured, *, channel: int = 1, seed: int = 0, **options: Any) -> list[Run]:
+        """How a fit with these options came to its end in one colour channel: its starts, each with the states after
+        every iteration in ``trace.states``. FitError for a channel without light."""
+        options = self.check_options(options)
+        merged = merged_channels(measured, self.weights(measured, options))[channel]
+        if not merged.power > 0:
+            raise FitError(f"{self.name} on {measured.name}: channel {channel} is dark")
+        sgd = sgd_factors(measured, seed)
+        starts = starting_factors(merged, seed, channel, options, sgd[channel] if sgd else None)
+        return follow_starts(merged, starts, options, keep=True)
 
     def fit_channels(self, measured, weights, seed, options):
         eight = options["starts"] == "eight"
