@@ -37,8 +37,8 @@ TITLE = "BRDF atlas: supplement"
 A4 = (595.276, 841.89)
 #: Measures of the tables.
 TABLE = ("de00_mean", "de00_p95", "flip_mean", "psnr_db", "psnr_tonemapped_db", "ssim")
-#: Width of a page's content and the height that both grids of tiles may take, mm; a tile's caption has two lines.
-WIDTH, HEIGHT, CAPTION = 182, 226, 6.0
+#: Width of a page's content and the height that both grids of tiles may take, mm; a tile's caption has four lines.
+WIDTH, HEIGHT, CAPTION = 182, 226, 10.3
 STANDINS = (
     "{0} of {1} materials are stand-ins, not measurements: each is the median of five published fits. Their numbers "
 )
@@ -111,10 +111,10 @@ def write_material_pdf(
     errors = []
     for entry in entries:
         row = entry.rows.get(scene.name, {})
-        psnr = f"{with_error(row.get('psnr_db'), row.get('psnr_se_db'))} dB"
+        psnr = f"{digits(row.get('psnr_db'), 1)} dB"
         delta = f"ΔE00 {digits(row.get('de00_mean'), 2)}"
         render, error = (files.add(picture_file(pictures, scene.name, entry.name, kind)) for kind in ("render", "de00"))
-        renders.append(_tile(entry.title, render, f"{delta}, {psnr}", entry.reason))
+        renders.append(_tile(entry.title, render, f"{delta} · {psnr}", entry.reason))
         errors.append(_tile(entry.title, error, delta, entry.reason))
     columns = tile_columns(len(renders), len(errors))
     flipped = [tile | ({"picture": reference} if tile["picture"] else {}) for tile in renders]
