@@ -5,7 +5,6 @@ All are pure functions of the tidy tables of :mod:`brdfatlas.measures.errors` an
 
 import os
 from collections.abc import Iterable, Sequence
-from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -126,39 +125,69 @@ def count_wins(
     """
     ranked, joint = RANKED[measure], joint_errors(pairs, measure)
     good = judged(errors, models, measure).merge(classes, on="material", how="left", validate="many_to_one")
-    rows = []
+    columns = ["measure", "model", "other", "class", "count", "wins", "ties", "losses"]
+    columns += ["materials", "mean_difference", "se_difference"]
+    parts = []
     for class_name, members in _groups(good):
         values, errors_of = (
             members.pivot(index=PICTURE, columns="model", values=column) for column in (measure, ranked.error)
         )
         present = [model for model in models if model in values]
-        for model, other in permutations(present, 2):
-            both = values[[model, other]].notna().all(axis=1)
-            a, b = values.loc[both, model].to_numpy(), values.loc[both, other].to_numpy()
-            a_error, b_error = errors_of.loc[both, model].to_numpy(), errors_of.loc[both, other].to_numpy()
-            asked = pd.MultiIndex.from_tuples([(*picture, model, other) for picture in values.index[both]])
-            own = joint.reindex(asked).to_numpy() if len(joint) and len(asked) else np.nan
-            apart, margin = significant(a, a_error, b, b_error, own), ranked.margin(a, b)
-            difference = subtract(a, b)
-            bounded = np.isinf(np.where(a < b, a_error, b_error))
-            margin, difference = np.where(bounded, 0.0, margin), np.where(bounded, 0.0, difference)
-            wins, losses = int((apart & (margin > tie_db)).sum()), int((apart & (margin < -tie_db)).sum())
-            materials = values.index[both].get_level_values("material")
-            row = (measure, model, other, class_name, len(a), wins, len(a) - wins - losses, losses)
-            rows.append((*row, *_over_materials(difference, materials)))
-    columns = ["measure", "model", "other", "class", "count", "wins", "ties", "losses"]
-    return pd.DataFrame(rows, columns=[*columns, "materials", "mean_difference", "se_difference"])
+        # model and other along the last two axes
+        a, b = np.broadcast_arrays(*_beside(values[present].to_numpy(float)))
+        a_error, b_error = np.broadcast_arrays(*_beside(errors_of[present].to_numpy(float)))
+        both = ~(np.isnan(a) | np.isnan(b))
+        own = _joint_table(joint, values.index, present)
+        apart, margin, difference = significant(a, a_error, b, b_error, own), ranked.margin(a, b), subtract(a, b)
+        bounded = np.isinf(np.where(a < b, a_error, b_error))
+        margin, difference = np.where(bounded, 0.0, margin), np.where(bounded, 0.0, difference)
+        count, wins, losses = (
+            np.sum(both & chosen, 0) for chosen in (True, apart & (margin > tie_db), apart & (margin < -tie_db))
+        )
+        spread = _over_materials(np.where(both, difference, 0.0), both, values.index.get_level_values("material"))
+        i, j = np.nonzero(~np.eye(len(present), dtype=bool))
+        names, counted = (
+            np.array(present, object),
+            zip(columns[4:], (count, wins, count - wins - losses, losses, *spread)),
+        )
+        named = {"measure": measure, "model": names[i], "other": names[j], "class": class_name}
+        parts.append(pd.DataFrame(named | {column: table[i, j] for column, table in counted}))
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
 
 
-def _over_materials(values: np.ndarray, materials: pd.Index) -> tuple[int, float, float]:
-    """(materials, mean of their means, its standard error by their spread; NaN for one material alone)."""
-    means = pd.Series(values).groupby(np.asarray(materials)).mean().to_numpy()
-    count = len(means)
-    if count == 0:
-        return 0, float("nan"), float("nan")
-    mean = float(means.mean())
-    spread = float(means.std(ddof=1) / np.sqrt(count)) if count > 1 and np.isfinite(mean) else float("nan")
-    return count, mean, spread
+def _beside(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(pictures, models) as the first and as the second of every pair of models."""
+    return values[:, :, None], values[:, None, :]
+
+
+def _joint_table(joint: pd.Series, pictures: pd.MultiIndex, models: Sequence[str]) -> np.ndarray:
+    """:func:`.ranking.joint_errors` as (pictures, models, models); NaN for what it has not."""
+    table = np.full((len(pictures), len(models), len(models)), np.nan)
+    keys, names = joint.index.to_frame(index=False), pd.Index(models)
+    place = pictures.get_indexer(pd.MultiIndex.from_frame(keys[PICTURE])) if len(keys) else np.zeros(0, int)
+    first, second = names.get_indexer(keys["model"]), names.get_indexer(keys["other"])
+    keep = (place >= 0) & (first >= 0) & (second >= 0)
+    table[place[keep], first[keep], second[keep]] = joint.to_numpy(float)[keep]
+    return table
+
+
+def _over_materials(
+    values: np.ndarray, there: np.ndarray, materials: pd.Index
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Along the pictures, of which ``there`` says which count: materials, mean of their means, its standard error by
+    their spread (NaN for one material alone)."""
+    places, names = pd.factorize(materials)
+    sums, counts = (np.zeros((len(names), *values.shape[1:])) for _ in range(2))
+    np.add.at(sums, places, values)
+    np.add.at(counts, places, there)
+    known = counts > 0
+    count = known.sum(0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        means = sums / counts
+        mean = np.where(known, means, 0).sum(0) / count
+        squares = np.where(known, (means - mean) ** 2, 0).sum(0)
+        spread = np.sqrt(squares / (count - 1) / count)
+    return count, mean, np.where((count > 1) & np.isfinite(mean), spread, np.nan)
 
 
 def beside_published(errors: pd.DataFrame, classes: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
