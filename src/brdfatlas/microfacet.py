@@ -7,7 +7,6 @@ normal or the half vector as named. A model of the form F D G / (4 cos cos) is a
 import math
 
 import numpy as np
-from scipy.special import erf
 
 from brdfatlas.angles import N_THETA_D, N_THETA_H, half_difference, phi_d_centres, theta_d_centres, theta_h_centres
 
@@ -38,6 +37,8 @@ def ggx_g1(cosine, alpha):
 
 def beckmann_g1(cosine, alpha):
     """Smith G1 of Beckmann, exact (Walter et al. 2007, Eq. 25): 2 / (1 + erf(a) + exp(-a^2) / (a sqrt(pi)))."""
+    from scipy.special import erf  # late: its import takes longer than many a fit
+
     cosine = np.asarray(cosine, float)
     sine = np.sqrt(np.maximum(1 - cosine * cosine, 0))
     a = np.clip(cosine, 0, None) / np.maximum(alpha * sine, 1e-300)

@@ -8,15 +8,16 @@ the azimuth between them are interpolated linearly between their nodes instead.
 
 Both end at the hull of what was measured: the convex hull of the samples over (theta_i, theta_o cos phi, theta_o sin
 phi), both orders of directions, phi the azimuth between them. Outside nothing was measured.
+
+SciPy's parts are imported where they are used: that takes longer than many a fit.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
-from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from brdfatlas.angles import (
     GRID_SHAPE,
@@ -31,6 +32,9 @@ from brdfatlas.compiled import njit
 from brdfatlas.formats.files import name_of
 from brdfatlas.formats.plausibility import suspicions
 from brdfatlas.measured import MEASURED, STANDIN, Measured, MeasuredError, Provenance
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull, cKDTree
 
 #: Values below this part of a channel's median are raised to it before the logarithm: noise around 0.
 FLOOR = 1e-3
@@ -65,6 +69,12 @@ def symmetric(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     return np.stack([np.sqrt(theta_h), theta_d, np.abs(wo[..., 2] - wi[..., 2]) / 2], -1)
 
 
+def _tree(points: np.ndarray) -> "cKDTree":
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
+
+
 @dataclass(frozen=True)
 class Samples:
     """Values rgb (n, 3) in 1/sr at pairs of unit vectors wi, wo, each (n, 3); ``places``: where each stands in its
@@ -76,13 +86,15 @@ class Samples:
     places: np.ndarray
 
     @cached_property
-    def hull(self) -> ConvexHull:
+    def hull(self) -> "ConvexHull":
+        from scipy.spatial import ConvexHull
+
         points = np.concatenate([disk(self.wi, self.wo), disk(self.wo, self.wi)])
         return ConvexHull(points)
 
     @cached_property
-    def tree(self) -> cKDTree:
-        return cKDTree(np.concatenate([disk(self.wi, self.wo), disk(self.wo, self.wi)]))
+    def tree(self) -> "cKDTree":
+        return _tree(np.concatenate([disk(self.wi, self.wo), disk(self.wo, self.wi)]))
 
     def inside(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """Whether pairs (n, 3) lie within the hull of the samples; a degree more at its edge, for cell centres."""
@@ -154,7 +166,7 @@ def without_dropouts(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
     """Samples without those below a fifth of all their eight nearest ones, which an instrument lost; and the word."""
     total = samples.values.sum(1)
     points = symmetric(samples.wi, samples.wo)
-    _, near = cKDTree(points).query(points, 9)
+    _, near = _tree(points).query(points, 9)
     keep = total >= total[near[:, 1:]].min(1) / 5
     if keep.all():
         return samples, ()
@@ -208,7 +220,7 @@ class Spline:
         self.low, self.high = self.values.min(0), self.values.max(0)
         self.local = len(self.points) > MOST_GLOBAL
         if self.local:
-            self.tree = cKDTree(self.points)
+            self.tree = _tree(self.points)
         else:
             self.weights = _weights(self.points, self.values)
 
@@ -239,6 +251,8 @@ class Regular:
     """
 
     def __init__(self, axes: tuple[np.ndarray, ...], values: np.ndarray):
+        from scipy.interpolate import RegularGridInterpolator
+
         self.axes = axes
         split = _split(values.reshape(-1, 3)).reshape(*values.shape[:3], 4)
         self.look_up = RegularGridInterpolator(axes, split, bounds_error=False, fill_value=np.nan)
@@ -414,6 +428,8 @@ def checked(path, samples: Samples) -> tuple[Samples, float, tuple[str, ...]]:
         raise MeasuredError(f"{path}: {len(kept.wi)} pairs of directions, at least {FEWEST} are needed")
     if not kept.values.astype(np.float32).any():
         raise MeasuredError(f"{path}: black, no value is above 0")
+    from scipy.spatial import QhullError
+
     try:
         kept.hull  # noqa: B018
     except (QhullError, ValueError):

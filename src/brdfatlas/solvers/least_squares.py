@@ -31,7 +31,6 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import nnls
 
 
 class NoFiniteStartError(ArithmeticError):
@@ -102,6 +101,8 @@ def nonnegative_linear(gram: np.ndarray, cross: np.ndarray) -> np.ndarray:
     channels, count = cross.shape
     a = np.zeros((channels, count))
     if count > 2:
+        from scipy.optimize import nnls  # late: its import takes longer than many a fit
+
         for c in range(channels):
             scale = np.sqrt(np.maximum(np.diag(gram[c]), 1e-300))
             values, vectors = np.linalg.eigh(gram[c] / np.outer(scale, scale))
