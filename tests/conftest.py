@@ -4,9 +4,10 @@ import fcntl
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,9 @@ import yaml
 #: Before any test imports NumPy: idle BLAS threads spin.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# A shell ignores interrupts for what it runs in the background, and what tests start would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Made by a run; a copy of the project starts without them.
@@ -81,6 +85,17 @@ def copy_project(destination: Path) -> Project:
     project = Project(destination)
     project.configure(**TINY)
     return project
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_models() -> Iterator[None]:
+    """Models that a file's tests made known are forgotten: which files share a process is chance."""
+    from brdfatlas.models import MODELS  # not before the threads are set
+
+    before = dict(MODELS._own)
+    yield
+    MODELS._own.clear()
+    MODELS._own.update(before)
 
 
 @pytest.fixture(scope="session")
