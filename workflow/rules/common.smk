@@ -143,11 +143,14 @@ LISTINGS = {
 
 
 def redrawn(wildcards):
-    """What makes the listed files that are gone again, by rules that leave the list as it is."""
+    """What makes the listed files that are gone again, by rules that leave the list as it is; not where a file is gone
+    that a rule names, for that rule runs, and two jobs would write into one folder."""
+    named = set(made_by(rules.draw_figures, material=MATERIALS))
+    gone = {name: missing_files(name, folder) for name, folder in LISTINGS.items()}
     return [
         name.replace("results/", "results/redrawn/", 1)
-        for name, folder in LISTINGS.items()
-        if missing_files(name, folder)
+        for name, files in gone.items()
+        if files and named.isdisjoint(map(str, files))
     ]
 
 

@@ -106,8 +106,9 @@ def figures_job(
         "samples.svg",
     ):
         for path in folder.glob(pattern):
-            if path.relative_to(folder).as_posix() not in drawn:
-                path.unlink()
+            # a hidden one is somebody's unfinished write
+            if path.relative_to(folder).as_posix() not in drawn and not path.name.startswith("."):
+                path.unlink(missing_ok=True)
     write_json(listing, {"figures": digests(folder, sorted(drawn))})
 
 
