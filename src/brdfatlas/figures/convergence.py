@@ -8,11 +8,12 @@ from matplotlib import pyplot
 from brdfatlas.angles import theta_d_centres, theta_h_centres
 from brdfatlas.figures import style
 from brdfatlas.models.bagher2016.awls import g_nodes
+from brdfatlas.models.bagher2016.factors import relative
 from brdfatlas.models.bagher2016.independent_g import Run
 
 #: Inches and dots an inch: 960 x 360 pixels.
 SIZE, DOTS = (8.0, 3.0), 120
-#: Decades of D and of the objective that are shown.
+#: The least D that is shown, as a share of its largest value.
 DECADES = 1e-7
 
 
@@ -30,7 +31,7 @@ def convergence_frames(runs: Sequence[Run], *, still: int = 6) -> Iterator[np.nd
     power = runs[0].problem.power
     longest = max(len(run.trace.states) for run in runs)
     angles = [np.rad2deg(a) for a in (theta_h_centres(), theta_d_centres(), g_nodes())]
-    histories = [np.maximum(np.array([s.objective for s in run.trace.states]) / power, 1e-16) for run in runs]
+    histories = [np.maximum(relative(run.trace.history, power), 1e-16) for run in runs]
     low, high = min(h.min() for h in histories), max(h.max() for h in histories)
     with style.paper():
         figure, axes = style.panels(1, 4, SIZE, top=0.3, bottom=0.7, gaps=(0.5, 0))

@@ -176,7 +176,7 @@ def descend(problem: Problem, state: Any, trace: Trace, options: Mapping[str, An
     """From a start to the end: published iterations, then joint steps, then published iterations that check the end;
     or published iterations only."""
     if not trace.history:
-        trace.history.append(state.objective)
+        trace.note(state)
     if not options["accelerate"]:
         return alternate(problem, state, trace, sweeps=PLAIN_SWEEPS, tolerance=PLAIN_TOLERANCE)
     state = alternate(problem, state, trace, sweeps=sweeps, tolerance=1e-8)
