@@ -10,7 +10,7 @@ from brdfatlas.angles import above_horizon, directions, grid_axes
 from brdfatlas.measured import Measured
 from brdfatlas.measures.physics import directional_albedo, reciprocity_error
 from brdfatlas.models import MODELS
-from brdfatlas.models.engine.base import COARSE, Grid, Problem, Space
+from brdfatlas.models.engine.base import Grid, Problem, Space
 from brdfatlas.models.engine.principled import MIN_ALPHA
 
 NAMES = ("lambert", "ggx_diffuse", "ggx2_diffuse", "gltf", "principled", "openpbr")
@@ -111,7 +111,7 @@ def test_derivatives_are_those_of_the_objective(name, objective):
     """Against central differences, whose own error is near 1e-9 / 1e-6 of the value."""
     model = MODELS[name]
     space = Space(model, model.fixed({"coat": True}))
-    problem = Problem(space, Grid(synthetic(name, drawn(name, 5, 0.2, 0.8)).table, objective).merged(*COARSE))
+    problem = Problem(space, Grid(synthetic(name, drawn(name, 5, 0.2, 0.8)).table, objective).merged(6, 3).samples)
     lower, upper = space.bounds()
     x = lower + np.random.default_rng(1).uniform(0.3, 0.7, space.size) * (upper - lower)
     value, gradient, matrix = problem.normal_equations(x)

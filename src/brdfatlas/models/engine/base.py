@@ -12,6 +12,7 @@ cells, the best ends on fine ones; the objective that is reported is the full gr
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar
@@ -52,8 +53,8 @@ CHANNELS = Option(
     "dark channel counts as much as a bright one and no highlight that all channels share has room",
     ("together", "apart"),
 )
-#: Coarse and fine cells: so many neighbours in theta_d are merged, and so many cells of phi_d are left.
-COARSE, FINE = (6, 3), (2, 9)
+#: Fine cells, and coarse ones made of them: so many neighbours in theta_d are merged, so many cells of phi_d are left.
+FINE, COARSER = (2, 9), (3, 3)
 
 Kernel = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 
@@ -62,29 +63,43 @@ Kernel = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def square_root(z):
+    """sqrt of a number > 0 that may carry a complex step: to first order in the step, which is all there is of it."""
+    r = np.sqrt(z.real)
+    return r + (z - z.real) * (0.5 / r)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def inverse(z):
+    """1 / z in the same way, z.real not 0; several times faster than the complex division."""
+    r = 1 / z.real
+    return r - (z - z.real) * (r * r)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def ggx(sin2_h, alpha):
     """GGX's D in 1/sr at sin^2 theta_h (Walter et al. 2007, Eq. 33); exact at the peak of a narrow lobe."""
     base = alpha * alpha * (1 - sin2_h) + sin2_h
-    return alpha * alpha / (np.pi * base * base)
+    return alpha * alpha * inverse(np.pi * base * base)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def root(cosine, alpha):
     """sqrt(alpha^2 + (1 - alpha^2) cos^2), with which G1 = 2 cos / (cos + root)."""
     squared = cosine * cosine
-    return np.sqrt(alpha * alpha * (1 - squared) + squared)
+    return square_root(alpha * alpha * (1 - squared) + squared)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def visible_correlated(cos_i, cos_o, alpha):
     """G2 / (4 cos cos) of height-correlated Smith GGX (Heitz 2014, Eq. 99), without its 0 / 0 at grazing angles."""
-    return 0.5 / (cos_o * root(cos_i, alpha) + cos_i * root(cos_o, alpha))
+    return 0.5 * inverse(cos_o * root(cos_i, alpha) + cos_i * root(cos_o, alpha))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def visible_separable(cos_i, cos_o, alpha):
     """G1 G1 / (4 cos cos) of Smith GGX (Walter et al. 2007, Eq. 34)."""
-    return 1 / ((cos_i + root(cos_i, alpha)) * (cos_o + root(cos_o, alpha)))
+    return inverse((cos_i + root(cos_i, alpha)) * (cos_o + root(cos_o, alpha)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -97,10 +112,11 @@ def fifth(cosine):
 @njit(cache=True, nogil=True, error_model="numpy")
 def fresnel(cosine, eta):
     """Unpolarised Fresnel reflectance of a dielectric, relative index eta >= 1."""
-    g = np.sqrt(eta * eta - 1 + cosine * cosine)
-    a = (g - cosine) / (g + cosine)
-    b = (cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1)
-    return 0.5 * a * a * (1 + b * b)
+    g = square_root(eta * eta - 1 + cosine * cosine)
+    above, below = g + cosine, g - cosine
+    upper, lower = cosine * above - 1, cosine * below + 1
+    ratio = below * inverse(above * lower)  # one division: of complex numbers it is what takes the time
+    return 0.5 * ratio * ratio * (lower * lower + upper * upper)
 
 
 # Samples ---------------------------------------------------------------------------------------------------------
@@ -142,7 +158,7 @@ class Samples:
 
 
 class Grid:
-    """A material's samples on the grid with an objective's weights, from which coarser :class:`Samples` are merged."""
+    """A material's samples on the grid with an objective's weights, as they are or merged to fewer cells."""
 
     def __init__(
         self,
@@ -169,24 +185,27 @@ class Grid:
         self.geometry = half
         self.weights, self.sums = (a[:, :, :90] + a[:, :, : 90 - 1 : -1] for a in (weights, sums))
 
-    def merged(self, theta_d: int, phi_d: int) -> Samples:
-        """``theta_d`` neighbours merged into one, and phi_d into ``phi_d`` cells."""
+    def merged(self, theta_d: int, phi_d: int) -> "Grid":
+        """``theta_d`` neighbours merged into one, and phi_d into ``phi_d`` cells: a cell's directions are the weighted
+        mean of those that it replaces."""
         n_h, n_d, n_p = self.geometry.shape[:3]
         shape = (n_h, n_d // theta_d, theta_d, phi_d, n_p // phi_d, -1)
-        weights = self.weights.reshape(shape).sum((2, 4)).reshape(-1, 3)
-        sums = self.sums.reshape(shape).sum((2, 4)).reshape(-1, 3)
         each = self.weights.sum(-1, keepdims=True)
-        places = (self.geometry * each).reshape(shape).sum((2, 4)).reshape(-1, 4)
-        total = each.reshape(shape).sum((2, 4)).reshape(-1, 1)
-        keep = total[:, 0] > 0
-        target = sums[keep] / np.where(weights[keep] > 0, weights[keep], 1)
-        rest = self.power - float((weights[keep] * target**2).sum())
-        return Samples(places[keep] / total[keep], weights[keep], target, max(rest, 0.0), self.logarithm)
+        merged = copy(self)
+        merged.weights, merged.sums, places, total = (
+            a.reshape(shape).sum((2, 4)) for a in (self.weights, self.sums, self.geometry * each, each)
+        )
+        merged.geometry = places / np.where(total > 0, total, 1)
+        return merged
 
     @property
-    def full(self) -> Samples:
-        """Only cells merged whose values the model cannot distinguish."""
-        return self.merged(1, self.geometry.shape[2])
+    def samples(self) -> Samples:
+        """The cells that count."""
+        keep = self.weights.sum(-1) > 0
+        weights = self.weights[keep]
+        target = self.sums[keep] / np.where(weights > 0, weights, 1)
+        rest = self.power - float((weights * target**2).sum())
+        return Samples(self.geometry[keep], weights, target, max(rest, 0.0), self.logarithm)
 
 
 def _e2_sums(table: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -271,7 +290,7 @@ class EngineModel(Model):
         except (NoFiniteStartError, ValueError) as error:
             raise FitError(f"{self.name} on {measured.name}: {error}") from None
         parameters = self.named(space.natural(found.x))
-        value = Problem(space, grid.full).value(found.x)
+        value = Problem(space, grid.samples).value(found.x)
         if chosen["objective"] == "cosine":
             value = float(np.sqrt(value))
         name = OBJECTIVE_NAMES[chosen["objective"]]
@@ -302,7 +321,8 @@ class EngineModel(Model):
 
     def _descend(self, space: "Space", grid: Grid, starts: np.ndarray) -> tuple[Solution, list[tuple[float, float]]]:
         lower, upper = space.bounds()
-        coarse, fine = (Problem(space, grid.merged(*cells)) for cells in (COARSE, FINE))
+        fine = grid.merged(*FINE)
+        coarse, fine = (Problem(space, g.samples) for g in (fine.merged(*COARSER), fine))
         values = np.array([coarse.value(x) for x in starts])
         order = np.argsort(np.where(np.isfinite(values), values, np.inf), kind="stable")[: self.follow[0]]
         settings = {"follow": 1, "max_iterations": 40, "tolerance": 1e-4}
@@ -350,6 +370,8 @@ class Space:
         self.base = np.array([fixed.get(name, 0.0) for name in names])
         self.log = np.isin(names[self.free], model.logarithmic)
         self.names = names[self.free]
+        #: lower and upper ends of all numbers of the model, (2, n)
+        self.ends = np.array([(p.low, p.high) for p in model.parameters for _ in range(p.count)]).T
         rgb = [p.name for p in model.parameters if p.count == 3 and p.name not in fixed]
         #: first entry of each colour in the vector
         self.colours = [int(np.flatnonzero(self.names == name)[0]) for name in rgb]
@@ -376,8 +398,7 @@ class Space:
         p = self.base.astype(x.dtype)
         p[self.free] = np.where(self.log, np.exp(np.where(self.log, x, 0)), x)
         if x.dtype == float:  # rounding at a bound must not leave the range
-            ends = [(q.low, q.high) for q in self.model.parameters for _ in range(q.count)]
-            p = np.clip(p, *np.array(ends).T)
+            p = np.clip(p, *self.ends)
         return p
 
 

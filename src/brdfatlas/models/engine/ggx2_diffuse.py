@@ -79,7 +79,7 @@ class Ggx2Diffuse(EngineModel):
         ]
         starts = self.starts(space, measured, options, seed)
         solution, ends = self._descend(space, grid, np.concatenate([beside, starts]))
-        full = Problem(space, grid.full)
+        full = Problem(space, grid.samples)
         if full.value(beside[0]) < full.value(solution.x):
             solution = replace(solution, x=beside[0])
         return solution, ends

@@ -14,6 +14,7 @@ from brdfatlas.models.engine.base import (
     fifth,
     fresnel,
     ggx,
+    inverse,
     microfacet_functions,
     shortest,
     visible_separable,
@@ -58,7 +59,9 @@ def principled(p, samples, out):
         tint = p[c] / luminance if luminance.real > 0 else 1 + 0 * luminance
         colours[0, c], colours[1, c] = p[c], tint * at_normal
         colours[2, c] = sheen * (1 - metallic) * (1 + p[8] * (tint - 1))
-    tinted, plain = (1 - metallic) * spec_tint, (1 - metallic) * (1 - spec_tint)
+    matte, plain = (1 - metallic) / np.pi, (1 - metallic) * (1 - spec_tint)
+    schlick = metallic + (1 - metallic) * spec_tint
+    upward = metallic * colours[0] + (1 - metallic) * spec_tint * colours[1]
     for n in range(samples.shape[0]):
         cos_i, cos_o, sin2_h, cos_d = samples[n]
         grazing = fifth(cos_d)
@@ -67,13 +70,12 @@ def principled(p, samples, out):
         if dielectric.real <= 0:  # the plugin's lobe is off then, metallic or not
             lobe = 0 * lobe
         shadowed = cos_i * cos_o * visible_separable(cos_i, cos_o, CLEARCOAT_SHADOWING)  # G1 G1 / 4
-        coat = clear_scale / (clear + (1 - clear) * sin2_h) * ((0.04 + 0.96 * grazing) * shadowed)
-        matte = (1 - metallic) * diffuse(cos_i, cos_o, cos_d, roughness, flatness) / np.pi
-        common = lobe * (metallic * grazing + tinted * grazing + plain * dielectric) + coat
-        upward = lobe * (1 - grazing)
+        coat = clear_scale * inverse(clear + (1 - clear) * sin2_h) * ((0.04 + 0.96 * grazing) * shadowed)
+        base = matte * diffuse(cos_i, cos_o, cos_d, roughness, flatness)
+        common = lobe * (schlick * grazing + plain * dielectric) + coat
+        rising = lobe * (1 - grazing)
         for c in range(3):
-            reflected = upward * (metallic * colours[0, c] + tinted * colours[1, c])
-            out[n, c] = matte * colours[0, c] + grazing * colours[2, c] + reflected + common
+            out[n, c] = base * colours[0, c] + grazing * colours[2, c] + rising * upward[c] + common
 
 
 class Principled(EngineModel):
