@@ -9,8 +9,10 @@ import pytest
 
 from brdfatlas import microfacet
 from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_cosines, theta_d_centres, theta_h_centres
+from brdfatlas.constants import MAX_ANGLE
 from brdfatlas.fits import fit
 from brdfatlas.measured import Measured
+from brdfatlas.measures.physics import directional_albedo
 from brdfatlas.models import MODELS
 from brdfatlas.models.bagher2016.awls import Channel, Geometry, g_nodes, node_cosines, pair_sums
 from brdfatlas.models.bagher2016.factors import grid_microfacet
@@ -338,15 +340,47 @@ def test_values_at_the_published_bound_are_told():
     assert (d[d > 0].min() / d.max()) < 1e-7
 
 
-def test_nothing_runs_away_beyond_a_smaller_range(noisy):
+def test_nothing_runs_away_beyond_a_smaller_range():
     """No sample beyond 80 degrees is fitted: G / cos stays there what it is at the last node within."""
-    cosine = node_cosines()
+    noisy, cosine = material(share=0.004), node_cosines()
     for name in ("independent_g", "bivariate_g", "low_rank_2"):
         g = fit(name, noisy, max_angle=80.0, **quick(name)).parameters["g"].astype(float)
         ratio = g[:, 79:89] / cosine[79:89]
         np.testing.assert_allclose(ratio, ratio[:, :1] * np.ones(10), rtol=1e-5, err_msg=name)
     g = fit("g_from_d", noisy, max_angle=80.0).parameters
     np.testing.assert_allclose(g["g"][0], g_from_d(g["d"][0].astype(float)), rtol=1e-5)
+
+
+#: One entry of each class with a hundred numbers or more: tables, entries of which a material may leave open.
+TABULATED = {type(MODELS[name]): name for name in reversed(list(MODELS)) if MODELS[name].free_parameters >= 100}
+
+
+@pytest.mark.parametrize("name", sorted(TABULATED.values()))
+def test_nothing_runs_away_where_a_material_was_not_measured(name):
+    """Only samples within 70 degrees, of a surface that reflects a fifth of the light: a fit does not reflect more than
+    arrives anywhere, and where values are products of table entries, none is far above those of the measured range."""
+    measured = material(share=0.004)
+    grazing = np.minimum(*grid_cosines())
+    within = grazing > np.cos(np.deg2rad(70))
+    fitted = fit(name, Measured("part", np.where(within[..., None], measured.table, np.nan)), **quick(name))
+    albedo = directional_albedo(fitted.evaluate, np.deg2rad([0, 30, 60, 75, 80, 85]))
+    assert albedo.max() < 1
+    if name in ALL and MODELS[name].factors(fitted.parameters) is not None:
+        table = MODELS[name].evaluate_grid(fitted.parameters).max(-1)
+        outside = above_horizon() & ~within
+        # G of g_from_d follows from D, and a Smith G lets f rise towards the horizon
+        assert table[outside].max() < (4 if name == "g_from_d" else 1.2) * table[within].max()
+
+
+def test_a_full_material_is_fitted_as_if_nothing_were_held():
+    """G keeps every node and no cell is held where samples reach 89 degrees."""
+    cos_i, cos_o = grid_cosines()
+    assert np.array_equal(Geometry.of(np.minimum(cos_i, cos_o) >= np.cos(MAX_ANGLE)).held, np.eye(90))
+    sparse = Geometry.of((np.minimum(cos_i, cos_o) > np.cos(np.deg2rad(70))) & (np.maximum(cos_i, cos_o) < 0.95))
+    ratio = (sparse.held @ node_cosines() ** 2)[:-1] / node_cosines()[:-1]
+    np.testing.assert_allclose(ratio[:18], ratio[18], rtol=1e-12)
+    np.testing.assert_allclose(ratio[69:], ratio[69], rtol=1e-12)
+    np.testing.assert_allclose(ratio[18:70], node_cosines()[18:70], rtol=1e-12)
 
 
 def test_unknown_option():

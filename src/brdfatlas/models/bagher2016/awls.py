@@ -108,6 +108,22 @@ class Geometry:
             cell[order], u[order], v[order], q[order],
         )  # fmt: skip
 
+    @cached_property
+    def held(self) -> np.ndarray:
+        """(90, 90), what every G is multiplied with: the identity but for nodes that are the nearest node of no sample.
+        There G / cos is that of the next node that is, linear between two: nothing else says what G is, and the filter
+        would let it grow without bound. Samples end at 89 degrees, so the last node follows the one before."""
+        nearest = np.rint(np.append(self.ki + self.u, self.ko + self.v)).astype(np.int64)
+        seen = np.bincount(nearest, minlength=N_NODES) > 0
+        seen[-1] |= seen[-2]
+        nodes, cosines = np.flatnonzero(seen[:-1]), node_cosines()  # at the last node the cosine is 0
+        held = np.eye(N_NODES)
+        if nodes.size and not seen.all():
+            ratio = np.stack([np.interp(np.arange(N_NODES), nodes, unit) for unit in np.eye(nodes.size)], 1)
+            held *= seen[:, None]
+            held[np.ix_(~seen, nodes)] = (cosines[:, None] * ratio / cosines[nodes])[~seen]
+        return held
+
 
 @dataclass(frozen=True)
 class Channel:

@@ -20,6 +20,7 @@ from brdfatlas.angles import (
     N_THETA_D,
     N_THETA_H,
     grid_axes,
+    grid_cosines,
     half_difference,
     phi_d_centres,
     theta_d_centres,
@@ -30,7 +31,6 @@ from brdfatlas.constants import MAX_ANGLE
 from brdfatlas.measured import Measured
 from brdfatlas.models.bagher2016.awls import (
     CLAMP,
-    N_NODES,
     Channel,
     Geometry,
     g_nodes,
@@ -95,8 +95,6 @@ class FactorModel(Model):
 
     paper: ClassVar[Paper] = BAGHER_2016
     options: ClassVar[Mapping[str, Option]] = ITERATIVE
-    #: False where G follows from another factor, which knows G also where no sample is fitted.
-    free_g: ClassVar[bool] = True
 
     def weights(self, measured: Measured, options: Mapping[str, Any]) -> np.ndarray:
         """Weights of the objective, (90, 90, 180, 3). FitError if no sample has any."""
@@ -112,10 +110,6 @@ class FactorModel(Model):
         options = self.check_options(options)
         weights = self.weights(measured, options)
         fits = self.fit_channels(measured, weights, seed, options)
-        if self.free_g:
-            for fit in fits:
-                if "g" in fit.parameters:
-                    fit.parameters["g"] = held_beyond(fit.parameters["g"], options["max_angle"])
         parameters = {
             p.name: np.stack([np.asarray(fit.parameters[p.name]) for fit in fits]).astype(p.dtype)
             for p in self.parameters_of(options)
@@ -222,6 +216,13 @@ def nearest_filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     return values[tuple(index)]
 
 
+@cache
+def fitted_cells() -> np.ndarray:
+    """Whether a full table has samples of the objective in a cell (theta_h, theta_d) at any phi_d, bool (90, 90)."""
+    cos_i, cos_o = grid_cosines()
+    return (np.minimum(cos_i, cos_o) >= COS_LIMIT).any(-1)
+
+
 def mean_table(channel: Channel) -> np.ndarray:
     """The weighted mean over phi_d in each (theta_h, theta_d) cell (90, 90), cells without samples as the nearest."""
     w, wr = channel.sums
@@ -234,19 +235,6 @@ def slices(channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     d, f = table[:, 0], table[0]
     d, f = (x / x.max() if x.max() > 0 else np.ones(x.size) for x in (d, f))
     return np.maximum(d, CLAMP), np.maximum(f, CLAMP)
-
-
-def held_beyond(g: np.ndarray, max_angle: float) -> np.ndarray:
-    """G with G / cos beyond ``max_angle`` (degrees) as at the last node within it, as :func:`shadowing` does beyond 89.
-
-    In a fit of a smaller range no sample touches those nodes, and G may be anything there.
-    """
-    last = int(max_angle / 90.0 * (N_NODES - 1))
-    if np.deg2rad(max_angle) >= MAX_ANGLE:
-        return g
-    g, cosine = np.array(g, float), node_cosines()
-    g[last + 1 :] = g[last] * cosine[last + 1 :] / cosine[last]
-    return g
 
 
 def factor_parameters(problem: FactorProblem, state: Any) -> dict[str, np.ndarray | float]:

@@ -27,7 +27,6 @@ class GFromD(MicrofacetFactors):
     name = "g_from_d"
     title = "Microfacet factors, G from D"
     equations = "Eqs. 3, 7-19"
-    free_g = False
 
     def fit_channel(self, channel: Channel, seed: int, options, index: int) -> ChannelFit:
         problem, state, trace = fit_g_from_d(channel, options)

@@ -20,6 +20,7 @@ from brdfatlas.models.bagher2016.factors import (
     best_descent,
     curves,
     evaluate_microfacet,
+    fitted_cells,
     grid_microfacet,
     interpolated_rows,
     nearest_filled,
@@ -27,6 +28,9 @@ from brdfatlas.models.bagher2016.factors import (
 from brdfatlas.models.bagher2016.independent_g import SMOOTHING, slices_state
 from brdfatlas.models.bagher2016.microfacet_factors import FactorProblem
 from brdfatlas.models.base import Factors, Function, Option, Parameter, Parameters
+
+#: A cell without samples is held near the value of the nearest cell that has some, by this share of its weight.
+HOLD = 1e-2
 
 
 def low_rank_parameters(rank: int) -> tuple[Parameter, ...]:
@@ -76,7 +80,12 @@ class LowRank(FactorModel):
         rank = options["rank"]
         single = slices_state(channel, options)
         _, table, _, _ = fit_table(channel, options, single)
-        starts = {"bivariate_g": (*weighted_svd(table.m, table.sums[1], rank), table.g, table.rho_d)}
+        # Cells that only a part of the material misses: the products that fit the others may be anything there.
+        w = channel.sums[0]
+        missed = fitted_cells() & (w <= 0)
+        filled = np.where(missed, nearest_filled(table.m, w > 0), table.m)
+        hold = np.where(missed, HOLD * nearest_filled(table.sums[1], w > 0), 0.0)
+        starts = {"bivariate_g": (*weighted_svd(filled, table.sums[1] + hold, rank), table.g, table.rho_d)}
         weight = single.sums[1]
         rest = np.where(weight > 0, self._best_table(single) - single.m, 0.0)
         more_u, more_v = weighted_svd(rest, weight, rank - 1)
@@ -85,10 +94,11 @@ class LowRank(FactorModel):
         starts["independent_g"] = u, v, single.g, single.rho_d
         runs = []
         for name, start in starts.items():
-            problem = FactorProblem(channel, rank=rank, clamp=CLAMP, smoothing=SMOOTHING, signed=True)
+            problem = FactorProblem(
+                channel, rank=rank, clamp=CLAMP, smoothing=SMOOTHING, signed=True, hold=(hold, filled)
+            )
             runs.append((name, problem, problem.start(*start, best_scale=False)))
         problem, state, trace, reports = best_descent(runs, options)
-        w = channel.sums[0]
         u = np.stack([nearest_filled(row, w.any(axis=1)) for row in state.u])
         v = np.stack([nearest_filled(row, w.any(axis=0)) for row in state.v])
         values = {"rho_d": state.rho_d, "u": u, "v": v, "g": state.g}

@@ -131,7 +131,8 @@ class _MicrofacetProblem:
         self.channel = channel
         self.clamp = clamp
         self.kernel = gaussian_kernel(smoothing)
-        self.smoothing = smoothing_matrix(float(smoothing))
+        self.held = channel.geometry.held
+        self.smoothing = self.held @ smoothing_matrix(float(smoothing)) @ self.held
         table_w, table_wr = channel.sums
         self.w, self.wr, self.power = float(table_w.sum()), float(table_wr.sum()), channel.power
         self.golden_calls = 0
@@ -171,11 +172,15 @@ class _MicrofacetProblem:
 
 class FactorProblem(_MicrofacetProblem):
     """M = sum of ``rank`` products. With ``signed`` the products may be negative (low rank); else every component
-    is at least ``clamp`` times its factor's largest. With ``derived``, G is Smith's of u (rank 1)."""
+    is at least ``clamp`` times its factor's largest. With ``derived``, G is Smith's of u (rank 1). ``hold``: weights
+    and values (90, 90) that hold M where no sample does, beside the samples."""
 
-    def __init__(self, channel, *, rank=1, clamp=0.0, smoothing=1.0, derived=False, signed=False):
+    def __init__(self, channel, *, rank=1, clamp=0.0, smoothing=1.0, derived=False, signed=False, hold=None):
         super().__init__(channel, clamp=clamp, smoothing=smoothing)
         self.rank, self.derived, self.signed = rank, derived, signed
+        weight, value = hold if hold else (np.zeros((N_H, N_D)), np.zeros((N_H, N_D)))
+        self.more = np.stack([np.zeros((N_H, N_D)), weight, weight * value])
+        self.power += float(np.vdot(weight * value, value))
 
     def start(self, u, v, g=None, rho_d=0.0, *, best_scale=True) -> FactorState:
         """A state from factors of any scale; ``best_scale``: with the best rho_d and rho_s for them."""
@@ -206,12 +211,12 @@ class FactorProblem(_MicrofacetProblem):
         if self.derived:
             g = g_from_d(u[0])
         else:
-            g = clamped(g, self.clamp)
+            g = clamped(self.held @ g, self.clamp)
             peak = g.max()
             if not (peak > 0 and np.isfinite(peak)):
                 return FactorState(u, v, g, rho_d, np.inf, np.zeros((3, N_H, N_D)))
             g, u = g / peak, u * (peak * peak)
-        blank = FactorState(u, v, g, rho_d, np.inf, self.channel.contract(g))
+        blank = FactorState(u, v, g, rho_d, np.inf, self.channel.contract(g) + self.more)
         return self._with(blank, u, v, rho_d)
 
     def sweep(self, state: FactorState) -> FactorState:
@@ -341,7 +346,7 @@ class TableProblem(_MicrofacetProblem):
         return state if state.objective <= given.objective else given
 
     def _state(self, g, rho_d, previous) -> TableState:
-        g = clamped(g, self.clamp)
+        g = clamped(self.held @ g, self.clamp)
         peak = g.max()
         if not (peak > 0 and np.isfinite(peak)):
             return TableState(previous, g, rho_d, np.inf, np.zeros((3, N_H, N_D)))
