@@ -118,7 +118,7 @@
       if (line.length > 1) svg.append(el("path", { class: "front", d: line.map((p, i) => (i ? `H${sx(p.x)}V${sy(p.y)}` : `M${sx(p.x)} ${sy(p.y)}`)).join("") }));
       const taken = good.map((p) => ({ x: sx(p.x) - 6, y: sy(p.y) - 6, w: 12, h: 12 }));
       const names = el("g", { "aria-hidden": "true" });
-      for (const p of line) {
+      for (const p of [...line].reverse()) {  // where there is no room for all, the closest are named
         const w = widthOf(p.title) + 2, spot = placeLabel(sx(p.x), sy(p.y), w, box, taken);
         if (!spot) continue;
         taken.push(spot);
