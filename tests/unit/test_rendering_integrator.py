@@ -319,3 +319,16 @@ def test_more_models_than_a_group_holds(sphere):
     for n, name in enumerate(tables):
         inside = found[name].mean[sphere.mask]
         np.testing.assert_allclose(inside, found["reference"].mean[sphere.mask] * (1 + n), rtol=1e-4, atol=1e-5)
+
+
+def test_parts_that_there_is_room_for_are_the_whole(sphere, monkeypatch):
+    """Large pictures are rendered some tables and some batches at a time."""
+    from brdfatlas.rendering import integrator, jobs
+
+    m = material(0.3)
+    tables = {"reference": None, "a": 2 * m.table, "b": 3 * m.table}
+    whole = jobs.render_models(sphere, m, tables, samples=8, batches=4)
+    monkeypatch.setattr(integrator, "MOST_COLOURS", 1)
+    monkeypatch.setattr(jobs, "MOST_GROUP_BYTES", 1)
+    for name, render in jobs.render_models(sphere, m, tables, samples=8, batches=4).items():
+        np.testing.assert_allclose(render.batches, whole[name].batches, rtol=1e-4, atol=1e-5)

@@ -26,6 +26,9 @@ from brdfatlas.rendering.scenes import DIMENSIONS, PreparedScene, material_shape
 MORE_LANES, MOST_LANES = 1.5, 32
 PILOT_BATCHES = 8
 LIST_BITS = 19
+#: Most colours that are held at once, for each lane one a table and LANE for its place and random numbers; where one
+#: batch has not more.
+MOST_COLOURS, LANE = 2**25, 4
 
 
 class Environment:
@@ -236,26 +239,30 @@ def render_batches(
     lanes = np.ones(len(setup.pixels), np.int64) if lanes is None else lanes
     n, first = int(lanes.sum()), np.cumsum(lanes) - lanes
     points = upload(mi.UInt32, _reversed(sobol_points(each, setup.scene.points)))
-    pixel = upload(mi.UInt32, np.tile(np.repeat(setup.pixels, lanes), batches))
-    number = upload(mi.UInt32, np.tile(np.arange(n) - np.repeat(first, lanes), batches))
-    batch = upload(mi.UInt32, np.repeat(np.arange(batches), n))
-    count, width, stream = mi.UInt32(each), mi.UInt32(size), mi.UInt32(seed)
-    dr.make_opaque(count, width, stream)
-    row = pixel // width
-    corner = mi.Point2f(mi.Float(pixel - row * width), mi.Float(row))
-    # Two rounds of a block cipher: seeds that differ in one bit are unrelated (Zafar et al. 2010).
-    key, other = mi.sample_tea_32(pixel + number * (width * width), batch * 0x9E3779B9 + stream)
-    keys = [key, other]
-    for dimension in range(2, DIMENSIONS):
-        keys.append(mi.sample_tea_32(key + dimension, other)[0])
+    result = np.zeros((reflectance.count, batches, size * size, 3), np.float32)
+    together = max(1, MOST_COLOURS // (n * (reflectance.size + LANE)))
+    for start in range(0, batches, together):
+        part = np.arange(start, min(start + together, batches))
+        pixel = upload(mi.UInt32, np.tile(np.repeat(setup.pixels, lanes), len(part)))
+        number = upload(mi.UInt32, np.tile(np.arange(n) - np.repeat(first, lanes), len(part)))
+        batch = upload(mi.UInt32, np.repeat(part, n))
+        count, width, stream = mi.UInt32(each), mi.UInt32(size), mi.UInt32(seed)
+        dr.make_opaque(count, width, stream)
+        row = pixel // width
+        corner = mi.Point2f(mi.Float(pixel - row * width), mi.Float(row))
+        # Two rounds of a block cipher: seeds that differ in one bit are unrelated (Zafar et al. 2010).
+        key, other = mi.sample_tea_32(pixel + number * (width * width), batch * 0x9E3779B9 + stream)
+        keys = [key, other]
+        for dimension in range(2, DIMENSIONS):
+            keys.append(mi.sample_tea_32(key + dimension, other)[0])
 
-    # Scramble seeds stay outside the loop; inside there is one addition and four multiplications a dimension.
-    totals = _loop(setup, reflectance, points, keys, corner, count, mi.Float(width))
-    result = np.zeros((len(totals), batches, size * size, 3), np.float32)
-    for picture, total in zip(result, totals):
-        values = np.array(total / mi.Float(count)).T.reshape(batches, n, 3)
-        picture[:, setup.pixels] = np.add.reduceat(values, first, axis=1) / lanes[:, None].astype(np.float32)
-    return result.reshape(len(totals), batches, size, size, 3)
+        # Scramble seeds stay outside the loop; inside there is one addition and four multiplications a dimension.
+        totals = _loop(setup, reflectance, points, keys, corner, count, mi.Float(width))
+        for picture, total in zip(result, totals):
+            values = np.array(total / mi.Float(count)).T.reshape(len(part), n, 3)
+            means = np.add.reduceat(values, first, axis=1) / lanes[:, None].astype(np.float32)
+            picture[start : start + len(part), setup.pixels] = means
+    return result.reshape(-1, batches, size, size, 3)
 
 
 def _reversed(bits: np.ndarray) -> np.ndarray:

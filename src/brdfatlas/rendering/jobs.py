@@ -31,6 +31,9 @@ from brdfatlas.rendering.scenes import (
     turn_light,
 )
 
+#: Most bytes of the batches of pictures that are rendered together, where one alone has not more.
+MOST_GROUP_BYTES = 2**29
+
 
 def picture_seed(seed: int, material: str, scene: str, purpose: str = "picture") -> int:
     """The 32-bit seed of a render: ``seed`` of the configuration hashed with the material and the scene, so that
@@ -57,6 +60,19 @@ def render_models(
     (:func:`brdfatlas.rendering.use_variant`). Raises SceneError for impossible settings, MeasuredError for a table that
     is not finite where the reference was measured.
     """
+    found = dict(_renders(scene, measured, tables, samples, batches, seed))
+    return {name: found[name] for name in tables}
+
+
+def _renders(
+    scene: PreparedScene,
+    measured: Measured,
+    tables: Mapping[str, np.ndarray | None],
+    samples: int,
+    batches: int,
+    seed: int,
+) -> Iterator[tuple[str, Render]]:
+    """The pictures of :func:`render_models` one by one, for who has no room for all: name, picture."""
     import drjit as dr
     import mitsuba as mi
 
@@ -72,14 +88,13 @@ def render_models(
             setup = set_up(scene)
             pilot = picture_seed(seed, measured.name, scene.name, "pilot")
             passes = partial(_shared_pass, setup, share_lanes(setup, reference, samples, pilot))
-        found: dict[str, Render] = {}
         again = [name for name in tables if name == REFERENCE_AGAIN]
         for purpose, names in (("picture", [name for name in tables if name not in again]), (REFERENCE_AGAIN, again)):
             stream = picture_seed(seed, measured.name, scene.name, purpose)
             chosen = [measured.table if tables[name] is None else tables[name] for name in names]
             pictures = passes(scene, reference, chosen, samples, batches, stream)
-            found |= {name: _with_labels(scene, parts, samples, stream) for name, parts in zip(names, pictures)}
-    return {name: found[name] for name in tables}
+            for name, parts in zip(names, pictures):
+                yield name, _with_labels(scene, parts, samples, stream)
 
 
 def render_turning(
@@ -122,12 +137,15 @@ def render_turning(
 def _shared_pass(
     setup: Any, lanes: np.ndarray, scene: PreparedScene, reference: Any, tables: Sequence[np.ndarray], *settings: int
 ) -> Iterator[np.ndarray]:
-    """Batches of every table, a group of tables at a time."""
+    """Batches of every table, a group of tables at a time, no more than there is room for."""
     from brdfatlas.rendering.bsdf import GROUP_SIZES
     from brdfatlas.rendering.integrator import render_batches
 
-    for first in range(0, len(tables), GROUP_SIZES[-1]):
-        group = reference.with_tables(tables[first : first + GROUP_SIZES[-1]])
+    _, batches, _ = settings
+    picture = 12 * batches * scene.size**2
+    together = max(size for size in GROUP_SIZES if size == 1 or size * picture <= MOST_GROUP_BYTES)
+    for first in range(0, len(tables), together):
+        group = reference.with_tables(tables[first : first + together])
         for parts in render_batches(setup, group, *settings, lanes):
             yield parts + scene.background
 
@@ -286,7 +304,7 @@ def render_job(
         return
     use_variant(settings["variant"], threads)
     counts = {key: settings[key] for key in ("samples", "batches", "seed")}
-    for name, render in render_models(prepared, measured, needed, **counts).items():
+    for name, render in _renders(prepared, measured, needed, **counts):
         _save(outputs[name], render, labels[name])
 
 
