@@ -40,6 +40,8 @@ _MAGIC = {
 }
 
 
+#: What the hidden name of an unfinished file begins with, so that what a killed job leaves can be told from all else.
+UNFINISHED = ".brdfatlas."
 #: A write that fails for these numbers fails for the disk's sake.
 _DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 
@@ -146,7 +148,7 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
     """
     path = _target(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name[:40]}.", suffix=path.suffix, dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=f"{UNFINISHED}{path.name[:40]}.", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     temporary = Path(name)
     try:

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from brdfatlas.files import atomic_path
 from brdfatlas.pipeline.leftovers import missing_files, record_reports_job
 
 RECORD = "results/reports.tsv"
@@ -64,14 +65,17 @@ def test_nothing_outside_of_reports_is_removed_whatever_the_record_says(folder, 
 
 
 def test_what_a_killed_writer_left_goes_once_it_is_old(folder):
-    names = (".fit.npz.abcdefgh.npz", ".a.json.a_c0efgh.json", ".hidden")
-    old, new, other = (folder / "results" / name for name in names)
-    for path in (old, new, other):
+    with atomic_path("results/a.json") as temporary:
+        old = temporary
+    new = old.with_name(f"{old.name}.new")
+    mine = [folder / "reports" / name for name in (".hidden", ".notes.markdown", ".a.json.a_c0efgh.json")]
+    for path in (old, new, *mine):
         path.touch()
-    for path in (old, other):
+    for path in (old, *mine):
         os.utime(path, (time.time() - 7200,) * 2)
     record("chrome", "nylon")
-    assert [path.exists() for path in (old, new, other)] == [False, True, True]
+    assert not old.exists()
+    assert all(path.exists() for path in (new, *mine))
 
 
 def test_missing_files_of_a_listing(folder):

@@ -2,15 +2,12 @@
 
 import hashlib
 import os
-import re
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from brdfatlas.files import read_json, write_text
+from brdfatlas.files import UNFINISHED, read_json, write_text
 
-#: Temporary files of the package, which a killed job leaves: hidden, with tempfile's eight characters.
-UNFINISHED = re.compile(r"\..+\.[a-z0-9_]{8}(\.\w+)?")
 HOUR = 3600.0
 
 
@@ -47,8 +44,8 @@ def record_reports_job(
         print(f"{name}: removed, not part of this run")
         _remove_empty(path.parent)
     for folder in ("results", "reports"):
-        for path in Path(folder).rglob(".*"):
-            if UNFINISHED.fullmatch(path.name) and path.is_file() and path.stat().st_mtime < time.time() - HOUR:
+        for path in Path(folder).rglob(f"{UNFINISHED}*"):
+            if path.is_file() and path.stat().st_mtime < time.time() - HOUR:
                 path.unlink()
     write_text(record, "".join(f"{_digest(Path(name))}\t{name}\n" for name in sorted(made)))
 
