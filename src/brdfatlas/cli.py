@@ -604,8 +604,18 @@ def reason(error: BaseException) -> str:
     return shown(" ".join(str(error).split("\n")).strip() or type(error).__name__)
 
 
+def _open_streams() -> None:
+    """Standard streams that the caller has closed lead nowhere. Without them the next file to be opened would have the
+    number of one, and get what libraries print."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            number = os.open(os.devnull, os.O_RDWR)  # the lowest that is free: the stream's own
+            setattr(sys, name, os.fdopen(number, mode, closefd=False))
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; exit status 0, or 1 after one line that says what is wrong."""
+    _open_streams()
     with contextlib.suppress(AttributeError):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files that are no text in this locale
     try:

@@ -177,6 +177,19 @@ def test_a_reader_that_has_enough_ends_the_command_quietly():
     assert err == ""
 
 
+def test_closed_streams_are_no_fault_and_no_file_takes_their_place(inputs, tmp_path):
+    code = (
+        "import os, sys; [os.close(n) for n in (0, 1, 2)]; sys.stdin = sys.stdout = sys.stderr = None\n"
+        "import brdfatlas.cli as cli\n"
+        "status = cli.main(['info', sys.argv[1]])\n"
+        "open(sys.argv[2], 'w').write(f'{status} {os.readlink(\"/proc/self/fd/1\")}')"
+    )
+    command = [sys.executable, "-c", code, str(inputs / "ggx.npz"), str(tmp_path / "out")]
+    env = os.environ | {"PYTHONPATH": str(Path(brdfatlas.__file__).parents[1])}
+    assert subprocess.run(command, env=env).returncode == 0
+    assert (tmp_path / "out").read_text() == f"0 {os.devnull}"
+
+
 def test_an_interrupt_of_the_process_is_one_line(inputs, tmp_path):
     code = (
         "import sys, time, brdfatlas.cli as cli\n"
