@@ -217,6 +217,10 @@ def test_bad_materials_are_left_out_with_a_reason_and_recorded_verdicts_are_beli
     assert find_materials(config, "standins", checks) == (usable, left_out, verdicts)
     with pytest.raises(ConfigError, match="strict"):
         find_materials(config | {"strict": True}, "standins", checks)
+    monkeypatch.undo()
+    for damaged in ("[]", "null", '{"%s": 3}' % (folder / "good.binary"), "{"):
+        checks.write_text(damaged)
+        assert find_materials(config, "standins", checks) == (usable, left_out, verdicts)
 
 
 def test_files_on_which_no_fit_can_be_judged_are_left_out(tmp_path, good_file):

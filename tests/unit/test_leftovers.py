@@ -84,5 +84,6 @@ def test_missing_files_of_a_listing(folder):
     (folder / pages / "renders/a.webp").unlink()
     assert [path.name for path in missing_files(listing, pages)] == ["a.webp"]
     assert missing_files("results/pictures/gone.json", pages) == []
-    (folder / listing).write_text("{")
-    assert missing_files(listing, pages) == []
+    for damaged in ("{", "[]", "null", '{"pictures": 1}'):
+        (folder / listing).write_text(damaged)
+        assert missing_files(listing, pages) == []

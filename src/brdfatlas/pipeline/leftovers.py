@@ -20,7 +20,7 @@ def missing_files(listing: str | os.PathLike, folder: str | os.PathLike) -> list
     """Listed files that are gone; none where there is no listing (yet) or where it cannot be read."""
     try:
         return [path for path in listed_files(listing, folder) if not path.exists()]
-    except (OSError, ValueError):
+    except (OSError, ValueError, AttributeError, TypeError):
         return []
 
 

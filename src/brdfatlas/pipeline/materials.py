@@ -152,8 +152,8 @@ def _say_standins(folders: list[Path], strict: bool) -> None:
 def check_files(files: Mapping[str, Path], checks: str | Path) -> dict[str, dict[str, str]]:
     """path -> {"stamp": edition, size, time stamp, mode; "reason": "" if the file is good, else why not}."""
     try:
-        known = read_json(checks)
-    except (OSError, ValueError):
+        known = {path: {key: old[key] for key in ("stamp", "reason")} for path, old in read_json(checks).items()}
+    except (OSError, ValueError, AttributeError, KeyError, TypeError):  # none yet, or not what a run writes
         known = {}
 
     def verdict(name: str, path: Path) -> dict[str, str]:
