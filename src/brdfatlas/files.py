@@ -66,6 +66,18 @@ def check_regular(path: str | os.PathLike) -> Path:
     return Path(path)
 
 
+def stamps(paths: Iterable[str | os.PathLike]) -> dict[str, str]:
+    """path -> size and time of a file, which change with its content; "" where there is none."""
+    found = {}
+    for path in paths:
+        try:
+            status = os.stat(path)
+            found[os.fspath(path)] = f"{status.st_size} {status.st_mtime_ns}"
+        except OSError:
+            found[os.fspath(path)] = ""
+    return found
+
+
 def _target(path: str | os.PathLike) -> Path:
     """Where writing to ``path`` goes: through links, and only to a regular file or a new one. FileFault if neither."""
     target = Path(os.path.realpath(path))

@@ -1,4 +1,5 @@
-"""Inputs with a time stamp in the future: a camera's, another machine's, or of before a clock was set back."""
+"""Inputs with a time stamp in the future, a camera's, another machine's, or of before a clock was set back; and inputs
+that change while a run is at work."""
 
 import os
 import time
@@ -8,9 +9,10 @@ import numpy as np
 import pytest
 
 from brdfatlas.angles import GRID_SHAPE
-from brdfatlas.files import write_json
+from brdfatlas.files import stamps, write_json
 from brdfatlas.formats.merl import write_merl
 from brdfatlas.pipeline.configuration import files_of_scene
+from brdfatlas.pipeline.logs import logged
 from brdfatlas.pipeline.materials import find_materials
 from brdfatlas.settings import ConfigError
 
@@ -45,3 +47,30 @@ def test_a_scenes_file_of_the_future_is_named(tmp_path):
     os.utime(probe, times=(time.time() + 3600,) * 2)
     with pytest.raises(ConfigError, match=r"^scenes\.yaml: mine\.environment\.file: .*probe\.exr: .*`touch`"):
         files_of_scene("mine", scene, "scenes.yaml", [])
+
+
+def test_a_file_that_changes_during_a_run_fails_the_jobs_that_read_it(tmp_path, monkeypatch, capsys):
+    """Else a fit of the old file would stand beside renders of the new one."""
+    monkeypatch.chdir(tmp_path)
+    path, done = Path("a.binary"), []
+    path.write_text("old")
+    planned = stamps([path])
+
+    def job(text: str) -> None:
+        with logged("log", planned):
+            path.write_text(text)
+            os.utime(path, ns=(0, 0))
+            done.append(text)
+
+    with logged("log", planned):
+        done.append("as planned")
+    for text in ("new", "begun with another file"):
+        with pytest.raises(SystemExit):
+            job(text)
+    path.unlink()
+    with pytest.raises(SystemExit):
+        job("begun without a file")
+    assert done == ["as planned", "new"]
+    lines = capsys.readouterr().err.splitlines()
+    remedy = "during the run; see that it is whole and start the run again"
+    assert lines == [f"a.binary: {what} {remedy}" for what in ("has changed", "has changed", "is gone")]

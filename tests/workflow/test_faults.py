@@ -237,3 +237,8 @@ def test_failures_stop_nothing_but_are_told_in_report_and_exit_status(undisturbe
     (project.root / "broken.py").write_text(BROKEN.replace("raise", "return super().fit(*arguments, **options) #"))
     project.snakemake()
     assert "the lamp is out" not in (project.root / "reports" / "models" / "broken.html").read_text()
+    # An older file of the same size in the place of a measured one: nothing of the first stays.
+    os.utime(merl / "felt.binary", ns=(0, 0))
+    planned = project.planned()
+    assert planned["fit_model"] == 2
+    assert planned["render_material"] == planned["measure_errors"] == planned["write_material_page"] == 1

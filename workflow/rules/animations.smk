@@ -39,6 +39,7 @@ rule draw_animation:
         mem_mb=2000,
         runtime=30,
     params:
+        planned=planned,
         provenance=provenance("brdfatlas.reports.animation", libraries=(*RENDERING, "pillow")),
         models=MODELS,
         entries=ENTRIES,
@@ -68,6 +69,7 @@ rule draw_convergence:
         mem_mb=1200,
         runtime=10,
     params:
+        planned=planned,
         provenance=provenance("brdfatlas.reports.animation", libraries=(*FITTING, "matplotlib", "pillow")),
         entry=[ALL_ENTRIES[name].plain for name in EIGHT_STARTS],
     message:

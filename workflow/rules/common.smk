@@ -8,6 +8,7 @@ from pathlib import Path
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.export.uber_texture import HEIGHT, has_row
+from brdfatlas.files import stamps
 from brdfatlas.models import name_sources, read_entries
 from brdfatlas.models.given import why_no_row
 from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config, read_rgl
@@ -61,6 +62,8 @@ BINARIES = {material.name: material.binary for material in FOUND}
 SOURCES = {material.name: material.source for material in FOUND if material.source}
 STANDINS = {material.name for material in FOUND if material.standin}
 MATERIALS = list(BINARIES)
+# Stamps of the measurements before any job, for all jobs of a run must read the same.
+STAMPS = {item.name: stamps([item.source or item.binary]) for item in FOUND if not item.standin}
 REFERENCES = [REFERENCE, REFERENCE_AGAIN]
 PUBLISHED = located("config/published")
 PUBLISHED_LOBES = [model.name for model in PUBLISHED_MODELS]
@@ -89,6 +92,12 @@ def parameters_of(wildcards):
 def binary_of(wildcards):
     """The file of a material that jobs read."""
     return BINARIES[wildcards.material]
+
+
+def planned(wildcards):
+    """The stamp of a material's file, a parameter of all jobs that read it: one replaced while they worked, or by one
+    that is older than their outputs, is noticed by the next run. Stand-ins are the run's own."""
+    return STAMPS.get(wildcards.material, {})
 
 
 def first_material_first(wildcards):

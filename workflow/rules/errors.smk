@@ -39,6 +39,7 @@ rule measure_errors:
         mem_mb=1200,
         runtime=10,
     params:
+        planned=planned,
         provenance=provenance("brdfatlas.measures.errors", libraries=MEASURING),
         models=MODELS,
         tones=TONES,

@@ -69,6 +69,7 @@ rule draw_figures:
         mem_mb=1200,
         runtime=10,
     params:
+        planned=planned,
         provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
         models=MODELS,
         entries=ENTRIES,

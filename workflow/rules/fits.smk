@@ -17,6 +17,7 @@ rule fit_model:
         mem_mb=1000,
         runtime=20,
     params:
+        planned=planned,
         provenance=lambda wildcards: provenance(
             ALL_ENTRIES[wildcards.model].module, "brdfatlas.pipeline.jobs", libraries=FITTING
         ),

@@ -42,6 +42,7 @@ rule read_material:
         mem_mb=1500,
         runtime=10,
     params:
+        planned=planned,
         provenance=provenance("brdfatlas.formats.reader", libraries=("numpy", "scipy", "numba", "colour-science")),
     message:
         "reading {input}"
@@ -63,6 +64,7 @@ rule describe_material:
         mem_mb=1000,
         runtime=10,
     params:
+        planned=planned,
         provenance=provenance("brdfatlas.pipeline.records", libraries=("numpy", "scipy")),
         standin=lambda wildcards: wildcards.material in STANDINS,
     message:

@@ -17,6 +17,7 @@ rule prepare_scene:
         mem_mb=1500,
         runtime=10,
     params:
+        planned=lambda wildcards: stamps(scene_files([wildcards.scene])),
         provenance=provenance("brdfatlas.rendering.scenes", libraries=RENDERING),
         definition=lambda wildcards: ALL_SCENES[wildcards.scene],
         scenes_file=config["scenes_file"],
@@ -46,6 +47,7 @@ rule render_material:
         mem_mb=3000,
         runtime=30,
     params:
+        planned=planned,
         provenance=provenance("brdfatlas.rendering.jobs", libraries=RENDERING),
         pictures=[*REFERENCES, *MODELS],
         models=MODELS,

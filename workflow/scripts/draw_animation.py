@@ -4,7 +4,7 @@ from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
 from brdfatlas.reports.animation import animation_job
 
-with logged(snakemake.log[0]):
+with logged(snakemake.log[0], snakemake.params.planned):
     i, p = snakemake.input, snakemake.params
     use_entries(p.entries)
     animation_job(

@@ -3,7 +3,7 @@
 from brdfatlas.pipeline.jobs import fit_job
 from brdfatlas.pipeline.logs import logged
 
-with logged(snakemake.log[0]):
+with logged(snakemake.log[0], snakemake.params.planned):
     fit_job(
         entry=snakemake.params.entry,
         seed=snakemake.params.seed,

@@ -5,7 +5,7 @@ from pathlib import Path
 from brdfatlas.measures.errors import errors_job
 from brdfatlas.pipeline.logs import logged
 
-with logged(snakemake.log[0]):
+with logged(snakemake.log[0], snakemake.params.planned):
     errors_job(
         material=snakemake.wildcards.material,
         binary=snakemake.input.binary,

@@ -3,5 +3,5 @@
 from brdfatlas.pipeline.logs import logged
 from brdfatlas.pipeline.records import read_material_job
 
-with logged(snakemake.log[0]):
+with logged(snakemake.log[0], snakemake.params.planned):
     read_material_job(snakemake.input[0], snakemake.output[0])

@@ -5,7 +5,7 @@ from pathlib import Path
 from brdfatlas.pipeline.logs import logged
 from brdfatlas.rendering.jobs import render_job
 
-with logged(snakemake.log[0]):
+with logged(snakemake.log[0], snakemake.params.planned):
     p, given = snakemake.params, snakemake.input
     reports = [str(Path(fit).with_suffix(".json")) for fit in given.fits]
     render_job(

@@ -3,22 +3,26 @@
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
+
+from brdfatlas.files import shown, stamps
 
 #: The name of a file that a run made, in an error's text.
 RESULT = re.compile(r"\b(results|reports)/[A-Za-z0-9._/-]*[A-Za-z0-9]")
 
 
 @contextmanager
-def logged(path: str | Path) -> Iterator[Callable[[str], None]]:
+def logged(path: str | Path, planned: Mapping[str, str] | None = None) -> Iterator[Callable[[str], None]]:
     """Send what the block prints to ``path``; on a fault print one line to the terminal, the whole to the log.
 
     The block gets a function that says a line to both, for jobs that a person waits for. Linear algebra uses one
-    thread in it: jobs run beside each other, and sums have one order.
+    thread in it: jobs run beside each other, and sums have one order. ``planned``: file -> its stamp
+    (:func:`brdfatlas.files.stamps`) when the run was planned. A file that is another before or after the block is
+    a fault: what is made of it would stand beside what other jobs made of the old one.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -31,7 +35,9 @@ def logged(path: str | Path) -> Iterator[Callable[[str], None]]:
 
         try:
             with threadpool_limits(1):
+                _check_unchanged(planned or {})
                 yield say
+                _check_unchanged(planned or {})
         except SystemExit as stop:
             print(stop.code, file=log)
             print(stop.code, file=terminal)
@@ -40,6 +46,13 @@ def logged(path: str | Path) -> Iterator[Callable[[str], None]]:
             traceback.print_exc(file=log)
             print(f"{fault(error)} (log: {path})", file=terminal)
             raise SystemExit(1) from None
+
+
+def _check_unchanged(planned: Mapping[str, str]) -> None:
+    for path, stamp in stamps(planned).items():
+        if stamp != planned[path]:
+            what = "has changed" if stamp else "is gone"
+            raise SystemExit(f"{shown(path)}: {what} during the run; see that it is whole and start the run again")
 
 
 def fault(error: BaseException) -> str:
