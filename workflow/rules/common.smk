@@ -77,11 +77,21 @@ MEASURING = ("numpy", "numba", "scikit-image", "flip-evaluator")
 DRAWING = ("numpy", "matplotlib", "pillow", "scikit-image", "flip-evaluator")
 TEMPLATES = ("reports/templates/*.j2",)
 
+# What the pictures of a run are in memory: millions of pixels of one, and MB of one with all its batches.
+MEGAPIXELS = config["render"]["size"] ** 2 / 1e6
+BATCHES_MB = 12 * config["render"]["batches"] * MEGAPIXELS
+
 
 wildcard_constraints:
     material=r"[A-Za-z0-9][A-Za-z0-9._-]*",
     model=r"[A-Za-z0-9][A-Za-z0-9._-]*",
     scene=r"[A-Za-z0-9][A-Za-z0-9._-]*",
+
+
+def memory(megabytes):
+    """mem_mb of a job that depends on the configuration, with room for the two Snakemakes that Slurm counts with it; as
+    much again after each failure."""
+    return lambda wildcards, attempt: attempt * round(megabytes)
 
 
 def parameters_of(wildcards):
