@@ -324,7 +324,7 @@ def test_any_mixture_of_files_is_found_by_content(tmp_path, good_file):
         find_materials(config, "standins", tmp_path / "none.json")
 
 
-UNUSABLE = ["checks", "model-ggx", "good.brdf", "0" * 20, "a" * 100, "a b", "-rf", "é", "line\nbreak"]
+UNUSABLE = ["checks", "model-ggx", "good.brdf", "good.html", "0" * 20, "a" * 100, "a b", "-rf", "é", "line\nbreak"]
 
 
 @pytest.mark.parametrize("name", UNUSABLE)

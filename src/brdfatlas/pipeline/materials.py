@@ -180,7 +180,7 @@ def name_fault(name: str) -> str:
         return f"the name has {len(name)} characters, {LONGEST_NAME} are the most"
     if not any(c.isalpha() for c in name):
         return "the name needs a letter"
-    if name.lower() in RESERVED or name.startswith("model-") or name.endswith((".brdf", ".")):
+    if name.lower() in RESERVED or name.startswith("model-") or name.lower().endswith((".brdf", ".html", ".")):
         return f"{name!r} is a name that the run uses itself"
     return ""
 
