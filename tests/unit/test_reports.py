@@ -343,7 +343,8 @@ def test_every_recommendation_meets_its_conditions_and_none_is_better(run):
 
 
 def test_fits_are_copied_with_their_parameters(tmp_path):
-    """Every good fit below reports/, readable again; what an earlier run left is removed."""
+    """Every good fit below reports/, readable again; what an earlier run made of a fit that failed now is removed, what
+    somebody has put beside them is not."""
     values = {"kd": np.full(3, 0.25, np.float32), "ks": np.full(3, 0.5, np.float32)}
     values["alpha"] = np.full(3, 0.1, np.float32)
     from brdfatlas import Fit, load_fit
@@ -351,10 +352,12 @@ def test_fits_are_copied_with_their_parameters(tmp_path):
 
     Fit("ward", "chrome", values).save(tmp_path / "ward.npz")
     (tmp_path / "ggx.npz").write_bytes(b"")
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "old.npz").write_bytes(b"left")
+    (tmp_path / "out" / "textures").mkdir(parents=True)
+    for name in ("ggx.npz", "ggx.json", "ward.blend", "textures/a.png"):
+        (tmp_path / "out" / name).write_bytes(b"left")
     written = write_fit_files([tmp_path / "ward.npz", tmp_path / "ggx.npz"], tmp_path / "out")
-    assert written == sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert sorted([*written, "ward.blend", "textures"]) == sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert (tmp_path / "out/textures/a.png").exists()
     assert {"ward.npz", "ward.json"} <= set(written)
     assert load_fit(tmp_path / "out" / "ward.npz") == import_json(tmp_path / "out" / "ward.json")
 

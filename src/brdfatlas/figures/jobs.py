@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,7 @@ def figures_job(
     curves.js, functions.svg with the functions of all fits; functions/{model}.svg where a fit has named functions;
     convergence/{model}.svg where its report has a curve for each channel; slices.webp and weights.svg where a fit is a
     sum of products; samples.svg of scattered data; tables/{model}.js for the viewer, of the reference and of every fit
-    that is not shown by its factors. Figures of an earlier run that this one does not draw are removed.
+    that is not shown by its factors. What an earlier run drew of these models and this one does not is removed.
     """
     folder = Path(folder)
     measured, loaded, titles = read(binary), load_fits(models, fits), titles_of(models)
@@ -96,19 +97,10 @@ def figures_job(
         channels = (read_json(Path(fits) / f"{name}.json").get("details") or {}).get("channels")
         if channels and plot_convergence(channels, path, title=title):
             drawn.add(path.relative_to(folder).as_posix())
-    for pattern in (
-        "functions/*.svg",
-        "convergence/*.svg",
-        "tables/*.js",
-        "functions.svg",
-        "slices.webp",
-        "weights.svg",
-        "samples.svg",
-    ):
-        for path in folder.glob(pattern):
-            # a hidden one is somebody's unfinished write
-            if path.relative_to(folder).as_posix() not in drawn and not path.name.startswith("."):
-                path.unlink(missing_ok=True)
+    several = ((f"functions/{name}.svg", f"convergence/{name}.svg", f"tables/{name}.js") for name in models)
+    for name in chain(("functions.svg", "slices.webp", "weights.svg", "samples.svg"), *several):
+        if name not in drawn:
+            (folder / name).unlink(missing_ok=True)
     write_json(listing, {"figures": digests(folder, sorted(drawn))})
 
 

@@ -35,8 +35,8 @@ def files_of(material_folder: str | Path, model: str) -> list[str]:
 
 def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike) -> list[str]:
     """Copy every good fit (.npz; a failed one is an empty file) into ``folder``, with its parameters as JSON and the
-    material of each engine that can hold it exactly; returns the names of the files. Files of an earlier run that this
-    one does not write are removed."""
+    material of each engine that can hold it exactly; returns the names of the files. Those that an earlier run made of
+    these fits and this one does not are removed, and nothing else."""
     folder, written = Path(folder), set()
     for path in map(Path, fits):
         if not path.stat().st_size:
@@ -51,9 +51,9 @@ def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike
                 written |= {made.name for made in export(fit, name, folder / f"{path.stem}{TARGET_ENDINGS[name]}")}
             except ExportError as error:
                 print(f"{path}: not exported to {name}: {error}")
-    for path in folder.glob("*"):
-        if path.name not in written:
-            path.unlink()
+    for name in (f"{Path(path).stem}{ending}" for path in fits for ending in ENDINGS):
+        if name not in written:
+            (folder / name).unlink(missing_ok=True)
     return sorted(written)
 
 
