@@ -351,3 +351,13 @@ def test_a_deprecated_key_is_said_and_still_works(tmp_path, capsys):
     assert capsys.readouterr().err == (
         "config: merl_folder is deprecated since 0.2.0, use measured_folder; it still works\n"
     )
+
+
+@pytest.mark.parametrize("folder", ["results/standins", "reports", "./results", "elsewhere/../results"])
+def test_measurements_do_not_lie_where_runs_write(tmp_path, monkeypatch, folder):
+    """A run would take them for its own stand-ins, and make them again."""
+    monkeypatch.chdir(tmp_path)
+    for key in ("measured_folder", "merl_folder"):
+        with pytest.raises(ConfigError, match=f"^config: {key}: .*keep measurements elsewhere$"):
+            read_config({key: folder})
+    assert read_config({"measured_folder": "results-of-others"})

@@ -83,4 +83,8 @@ def read_config(config: Mapping[str, Any], source: str = "config") -> dict[str, 
         folder = Path(config[key])
         if folder.exists() and not folder.is_dir():
             raise ConfigError(f"{source}: {key}: {folder}: not a folder; name the folder that holds the files")
+        # A rule could take a measurement there for what it makes itself, and make it again.
+        for own in ("results", "reports"):
+            if folder.resolve().is_relative_to(Path(own).resolve()):
+                raise ConfigError(f"{source}: {key}: {folder}: in {own}, which runs write; keep measurements elsewhere")
     return config
