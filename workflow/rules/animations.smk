@@ -39,7 +39,7 @@ rule draw_animation:
         mem_mb=2000,
         runtime=30,
     params:
-        planned=planned,
+        planned=lambda wildcards: planned(wildcards) | stamps(scene_files([config["animation"]["scene"]])),
         provenance=provenance("brdfatlas.reports.animation", libraries=(*RENDERING, "pillow")),
         models=MODELS,
         entries=ENTRIES,

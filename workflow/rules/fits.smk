@@ -17,7 +17,7 @@ rule fit_model:
         mem_mb=1000,
         runtime=20,
     params:
-        planned=planned,
+        planned=lambda wildcards: planned(wildcards) | stamps(filter(None, [parameters_of(wildcards)])),
         provenance=lambda wildcards: provenance(
             ALL_ENTRIES[wildcards.model].module, "brdfatlas.pipeline.jobs", libraries=FITTING
         ),
