@@ -1,0 +1,36 @@
+"""Two commands at once in one folder."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Stands in for the Python of the virtual environment: notes when each of its steps begins and ends, and whose it is.
+STEP = """#!/bin/sh
+echo "$SETUP begins" >> steps
+sleep 0.1
+echo "$SETUP ends" >> steps
+"""
+
+
+@pytest.mark.skipif(shutil.which("flock") is None, reason="this system has no flock")
+def test_a_second_set_up_waits_for_the_first(tmp_path):
+    """`make report` beside `make test` in a fresh checkout: one removed the environment that the other was making."""
+    (tmp_path / "scripts").mkdir()
+    shutil.copy2(ROOT / "scripts" / "setup", tmp_path / "scripts" / "setup")
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    for name in ("python", "pip"):
+        step = tmp_path / ".venv" / "bin" / name
+        step.write_text(STEP + "echo found\n")
+        step.chmod(0o755)
+    running = [
+        subprocess.Popen(["scripts/setup", "venv"], cwd=tmp_path, env=os.environ | {"SETUP": name})
+        for name in ("first", "second")
+    ]
+    assert [process.wait(60) for process in running] == [0, 0]
+    steps = (tmp_path / "steps").read_text().split("\n")[:-1]
+    whose = [step.split()[0] for step in steps]
+    assert whose in (sorted(whose), sorted(whose, reverse=True)), "not in turns"
