@@ -45,7 +45,10 @@ RC = {
     "legend.fontsize": 7,
     "legend.frameon": False,
     "lines.linewidth": 1.3,
-    "font.family": "DejaVu Sans",
+    # Text stays text in an SVG: to draw every letter takes most of a small figure's bytes.
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "svg.fonttype": "none",
     "svg.hashsalt": "brdfatlas",
     "path.simplify": True,
 }
@@ -113,23 +116,38 @@ def log_axis(axis: Axes, low: float | None = None, high: float | None = None) ->
     axis.yaxis.set_major_formatter(power_of_ten)
 
 
-def rounded(svg: str) -> str:
-    """An SVG with coordinates of paths to a hundredth of a point and no needless spaces, half its bytes."""
+def compact(svg: str) -> str:
+    """An SVG with its lines drawn in steps, to a tenth of a point and with no rounding carried on, other paths to a
+    hundredth, and without space between tags: half its bytes."""
 
     def shorter(path: re.Match[str]) -> str:
-        return re.sub(r"\s*([A-Za-z])\s*", r"\1", re.sub(r"(\.\d\d)\d+", r"\1", path[1]))
+        if set(re.findall("[A-Za-z]", path[1])) - set("MLz"):
+            return re.sub(r"\s*([A-Za-z])\s*", r"\1", re.sub(r"(\.\d\d)\d+", r"\1", path[1].strip()))
+        steps, at = [], (0, 0)
+        for command, *place in re.findall(r"([MLz])(?:\s*(\S+)\s+([^\sMLz]+))?", path[1]):
+            if command == "z":
+                steps.append("z")
+                continue
+            to = (round(10 * float(place[0])), round(10 * float(place[1])))
+            x, y = to if command == "M" else (to[0] - at[0], to[1] - at[1])
+            if command == "M" or x or y:
+                steps.append(f"{'M' if command == 'M' else 'l'}{x / 10:g} {y / 10:g}")
+            at = to
+        return re.sub(r"(?<!\d)0\.", ".", "".join(steps))
 
-    return re.sub(r'(?<= d=")([^"]*)(?=")', shorter, svg)
+    return re.sub(r">\s+<", "><", re.sub(r'(?<= d=")([^"]*)(?=")', shorter, svg))
 
 
 def save(figure: Figure, path: str | os.PathLike) -> None:
     """Write and close; the format by the path's ending, no date inside. Whole or not at all."""
     with atomic_path(path) as temporary:
         ending = temporary.suffix.lower()
-        metadata = {".svg": {"Date": None, "Creator": None}, ".pdf": {"CreationDate": None}}.get(ending, {})
+        metadata = {".svg": dict.fromkeys(("Date", "Creator", "Format", "Type")), ".pdf": {"CreationDate": None}}.get(
+            ending, {}
+        )
         if ending == ".png":
             metadata = {"Software": None}
         figure.savefig(temporary, metadata=metadata or None, dpi=150)
         if ending == ".svg":
-            temporary.write_text(rounded(temporary.read_text(encoding="utf-8")), encoding="utf-8")
+            temporary.write_text(compact(temporary.read_text(encoding="utf-8")), encoding="utf-8")
     pyplot.close(figure)

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import typst
 from PIL import Image
 from pypdf import PdfReader, PdfWriter
@@ -33,6 +34,8 @@ from brdfatlas.reports.pages import TEMPLATES
 TEMPLATE = TEMPLATES / "supplement.typ"
 #: The date of every document: a constant, so that equal runs give equal files.
 EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
+#: The figures' font comes with Matplotlib: the same on every machine.
+FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 TITLE = "BRDF atlas: supplement"
 A4 = (595.276, 841.89)
 #: Measures of the tables.
@@ -53,7 +56,9 @@ def typeset(data: Mapping[str, Any], files: Mapping[str, bytes] | None = None) -
         for name, source in {"main.typ": TEMPLATE.read_bytes(), "data.json": content, **(files or {})}.items():
             (Path(folder) / name).write_bytes(source)
         main = str(Path(folder) / "main.typ")
-        return typst.compile(main, root=folder, format="pdf", timestamp=EPOCH, ignore_system_fonts=True)
+        return typst.compile(
+            main, root=folder, format="pdf", timestamp=EPOCH, ignore_system_fonts=True, font_paths=[FONTS]
+        )
 
 
 def jpeg(path: str | Path, size: int = 256, quality: int = 86) -> bytes:
