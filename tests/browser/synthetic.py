@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from brdfatlas.figures.pictures import apply_colours, hdr_file, picture_file, write_bars, write_hdr, write_webp
+from brdfatlas.figures.pictures import apply_colours, hdr_levels, picture_file, write_bars, write_hdr, write_webp
 from brdfatlas.files import write_text
 from brdfatlas.fits import Fit
 from brdfatlas.models import MODELS
@@ -322,6 +322,7 @@ def make_pictures(
     ramp = np.stack([np.arange(256)] * 3, -1).astype(np.uint8)
     for number, scene in enumerate(scenes):
         reference = sphere(size, colour, 60 + 40 * number, 2.0)
+        base = hdr_levels(reference)
         for model in ["reference", *models]:
             if model == failed:
                 continue
@@ -329,7 +330,8 @@ def make_pictures(
             image = sphere(size, np.asarray(colour) * (1 + 0.3 * wrong), 60 + 40 * number, 2.0 * (1 - wrong))
             shown = (255 * np.clip(1 - np.exp2(-image), 0, 1) ** (1 / 2.2)).astype(np.uint8)
             write_webp(picture_file(folder, scene, model), shown)
-            write_hdr(hdr_file(folder, scene, model), f"{folder.name}/{scene}/{model}", image)
+            own = None if model == "reference" else base
+            write_hdr(folder, scene, model, hdr_levels(image, own), own)
             if model != "reference":
                 for kind in ("de00", "flip", "diff"):
                     write_webp(

@@ -9,6 +9,8 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from synthetic import HOSTILE, Run
 
+from brdfatlas.figures.pictures import read_hdr
+
 
 def pages_of(run: Run) -> list[Path]:
     return sorted(run.reports.rglob("*.html"))
@@ -434,8 +436,6 @@ def pixel(page) -> tuple[tuple[int, int], list[float]]:
 
 
 def test_compare_zoom_pan_and_pixel_values(tab, site):
-    from brdfatlas.figures.pictures import read_hdr
-
     page = tab.open(site.reports / "compare.html", "#m=pvc&s=grove&b=toy_02")
     shown(page)
     box = page.locator("#canvas").bounding_box()
@@ -448,7 +448,7 @@ def test_compare_zoom_pan_and_pixel_values(tab, site):
     after = pixel(page)
     assert before[0] == after[0], "zooming keeps the pixel under the pointer"
     column, row = after[0]
-    expected = read_hdr(site.reports / "materials/pvc/renders/grove/toy_02/hdr.js")[row, column]
+    expected = read_hdr(site.reports / "materials/pvc", "grove", "toy_02")[row, column]
     assert after[1] == pytest.approx(expected.tolist(), rel=1e-3), "printed with 4 digits"
     page.mouse.down()
     page.mouse.move(x + 80, y)
@@ -463,8 +463,6 @@ def test_compare_zoom_pan_and_pixel_values(tab, site):
 
 def test_compare_works_without_a_pointer(tab, site):
     """Divider, pan and pixel values by keys alone."""
-    from brdfatlas.figures.pictures import read_hdr
-
     page = tab.open(site.reports / "compare.html", "#m=pvc&s=grove&b=toy_02&v=swipe&z=4")
     half = drawn(page)
     divider = page.get_by_label("Divider")
@@ -493,7 +491,7 @@ def test_compare_works_without_a_pointer(tab, site):
     (x, y), printed = pixel(page)
     assert x > column
     assert y < row
-    expected = read_hdr(site.reports / "materials/pvc/renders/grove/toy_02/hdr.js")[y, x]
+    expected = read_hdr(site.reports / "materials/pvc", "grove", "toy_02")[y, x]
     assert printed == pytest.approx(expected.tolist(), rel=1e-3)
     assert serious_faults(page) == []
 
@@ -529,8 +527,6 @@ def test_compare_saves_exr_and_magnifies(tab, site, tmp_path):
     """The file holds the radiance to the last bit; both insets show the pixel under the pointer."""
     import OpenEXR
 
-    from brdfatlas.figures.pictures import read_hdr
-
     page = tab.open(site.reports / "compare.html", "#m=pvc&s=grove&b=toy_02")
     shown(page)
     with page.expect_download() as waiting:
@@ -538,8 +534,8 @@ def test_compare_saves_exr_and_magnifies(tab, site, tmp_path):
     assert waiting.value.suggested_filename == "pvc-grove-toy_02.exr"
     waiting.value.save_as(tmp_path / "saved.exr")
     channels = OpenEXR.File(str(tmp_path / "saved.exr")).channels()
-    expected = read_hdr(site.reports / "materials/pvc/renders/grove/toy_02/hdr.js")
-    assert np.array_equal(channels["RGB"].pixels, expected.astype(np.float32))
+    expected = read_hdr(site.reports / "materials/pvc", "grove", "toy_02")
+    assert np.array_equal(channels["RGB"].pixels, expected)
     box = page.locator("#canvas").bounding_box()
     page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + box["height"] * 0.4)
     (x, y), _values = pixel(page)

@@ -410,7 +410,7 @@ def test_linear_light_travels_as_a_script(run):
     folder = run.reports / "materials/pvc"
     path = folder / "renders/grove/toy_01/hdr.js"
     assert path.read_text().startswith('window.ATLAS_HDR("pvc/grove/toy_01","')
-    radiance = read_hdr(path)
+    radiance = read_hdr(folder, "grove", "toy_01")
     assert radiance.shape == (24, 24, 3)
     assert radiance.max() > 1
     assert not (folder / "renders/grove/toy_03/hdr.js").exists(), "a failed fit has no picture"

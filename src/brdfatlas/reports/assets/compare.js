@@ -54,25 +54,31 @@
 
   // --- pictures ---------------------------------------------------------------------------------------------------------
   const store = new Map();
-  window.ATLAS_HDR = (id, data) => {
+  window.ATLAS_HDR = async (id, data) => {
     const entry = store.get(id);
     if (!entry) return;
-    decode(data).then((picture) => { entry.picture = picture; entry.done(); }, () => { entry.error = "cannot be decoded"; entry.done(); });
+    try { entry.picture = await decode(data, id); } catch { entry.error = "cannot be decoded"; }
+    entry.done();
   };
-  // Upper half mantissas, lower half exponents (brdfatlas.figures.pictures): radiance = m 2^(e - 136).
-  async function decode(base64) {
+  // Levels of log radiance as brdfatlas.figures.pictures stores them; a fit's are steps from those of its reference.
+  const STEPS = 96, COARSE = 4;
+  async function decode(base64, id) {
+    const own = id.replace(/[^/]*$/, "reference"), reference = own === id ? null : load(own);
     const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
     const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/webp" }), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
     const off = new OffscreenCanvas(bitmap.width, bitmap.height), ctx = off.getContext("2d", { willReadFrequently: true });
     ctx.drawImage(bitmap, 0, 0);
     const raw = ctx.getImageData(0, 0, bitmap.width, bitmap.height).data;
     const width = bitmap.width, height = bitmap.height / 2, count = width * height;
-    const rgb = new Float32Array(3 * count);
-    for (let i = 0; i < count; i++) {
-      const e = raw[4 * (i + count)], scale = e ? 2 ** (e - 136) : 0;
-      for (let c = 0; c < 3; c++) rgb[3 * i + c] = raw[4 * i + c] * scale;
+    if (reference) await reference.waiting;
+    const base = reference && reference.picture.levels;
+    const rgb = new Float32Array(3 * count), levels = new Int16Array(3 * count);
+    for (let i = 0; i < count; i++) for (let c = 0; c < 3; c++) {
+      const o = 3 * i + c;
+      levels[o] = raw[4 * i + c] + 256 * raw[4 * (i + count) + c] - 128;
+      rgb[o] = 2 ** ((base ? base[o] + COARSE * levels[o] : levels[o]) / STEPS);
     }
-    return { width, height, rgb, canvas: null, exposure: NaN };
+    return { width, height, rgb, levels: base ? null : levels, canvas: null, exposure: NaN };
   }
   const idOf = (model, m = state.m, s = state.s) => `${m}/${s}/${model}`;
   function load(id) {
@@ -87,7 +93,7 @@
     script.onload = () => script.remove();
     document.head.append(script);
     entry.waiting.then(schedule);
-    // A picture is some 800 kB of floats: the oldest leave when there are too many.
+    // A picture is 800 kB of floats: the oldest leave when there are too many.
     if (store.size > 160) for (const old of [...store.keys()].slice(0, 40)) if (!old.startsWith(`${state.m}/`)) store.delete(old);
     return entry;
   }
