@@ -343,22 +343,23 @@ def test_every_recommendation_meets_its_conditions_and_none_is_better(run):
 
 
 def test_fits_are_copied_with_their_parameters(tmp_path):
-    """Every good fit below reports/, readable again; what an earlier run made of a fit that failed now is removed, what
-    somebody has put beside them is not."""
+    """Every good fit below reports/, readable again, tables not as text; what an earlier run made of a fit that failed
+    now is removed, what somebody has put beside them is not."""
     values = {"kd": np.full(3, 0.25, np.float32), "ks": np.full(3, 0.5, np.float32)}
     values["alpha"] = np.full(3, 0.1, np.float32)
     from brdfatlas import Fit, load_fit
     from brdfatlas.export.fit_json import import_json
 
     Fit("ward", "chrome", values).save(tmp_path / "ward.npz")
+    Fit("bivariate", "chrome", {"b": np.ones((3, 90, 90), np.float32)}).save(tmp_path / "bivariate.npz")
     (tmp_path / "ggx.npz").write_bytes(b"")
     (tmp_path / "out" / "textures").mkdir(parents=True)
     for name in ("ggx.npz", "ggx.json", "ward.blend", "textures/a.png"):
         (tmp_path / "out" / name).write_bytes(b"left")
-    written = write_fit_files([tmp_path / "ward.npz", tmp_path / "ggx.npz"], tmp_path / "out")
+    written = write_fit_files([tmp_path / f"{name}.npz" for name in ("ward", "bivariate", "ggx")], tmp_path / "out")
     assert sorted([*written, "ward.blend", "textures"]) == sorted(path.name for path in (tmp_path / "out").iterdir())
     assert (tmp_path / "out/textures/a.png").exists()
-    assert {"ward.npz", "ward.json"} <= set(written)
+    assert set(written) == {"ward.npz", "ward.json", "bivariate.npz"}
     assert load_fit(tmp_path / "out" / "ward.npz") == import_json(tmp_path / "out" / "ward.json")
 
 

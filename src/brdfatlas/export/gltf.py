@@ -15,7 +15,7 @@ FLOAT, UNSIGNED_SHORT = 5126, 5123
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 
 
-def sphere(rows: int = 32, columns: int = 64) -> tuple[np.ndarray, np.ndarray]:
+def sphere(rows: int = 24, columns: int = 48) -> tuple[np.ndarray, np.ndarray]:
     """Points of the unit sphere, which are its normals, (n, 3) float32, and triangles (m, 3) uint16, y up."""
     theta = np.linspace(0, np.pi, rows + 1)[:, None]
     phi = np.linspace(0, 2 * np.pi, columns + 1)[None, :]

@@ -6,6 +6,8 @@ import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from brdfatlas.export.facts import ExportError, with_report
 from brdfatlas.export.targets import ENDINGS as TARGET_ENDINGS
 from brdfatlas.export.targets import STANDARD, export
@@ -20,6 +22,8 @@ ENDINGS: Mapping[str, str] = {
     ".mtlx": "MaterialX material",
     ".gltf": "glTF material",
 }
+#: A fit of more numbers has no JSON here: that of a table takes four times its .npz, and nobody reads it.
+MOST_NUMBERS = 5000
 
 
 def fits_folder(material_folder: str | Path) -> Path:
@@ -34,9 +38,9 @@ def files_of(material_folder: str | Path, model: str) -> list[str]:
 
 
 def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike) -> list[str]:
-    """Copy every good fit (.npz; a failed one is an empty file) into ``folder``, with its parameters as JSON and the
-    material of each engine that can hold it exactly; returns the names of the files. Those that an earlier run made of
-    these fits and this one does not are removed, and nothing else."""
+    """Copy every good fit (.npz; a failed one is an empty file) into ``folder``, with its parameters as JSON, up to
+    :data:`MOST_NUMBERS`, and the material of each engine that can hold it exactly; returns the names of the files.
+    Those that an earlier run made of these fits and this one does not are removed, and nothing else."""
     folder, written = Path(folder), set()
     for path in map(Path, fits):
         if not path.stat().st_size:
@@ -46,7 +50,8 @@ def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike
             shutil.copyfile(path, temporary)
         written.add(target.name)
         fit = with_report(load_fit(path), path)
-        for name in ("json", *(name for name in STANDARD if name in fit.instance.targets)):
+        text = ["json"] if sum(np.size(values) for values in fit.parameters.values()) <= MOST_NUMBERS else []
+        for name in (*text, *(name for name in STANDARD if name in fit.instance.targets)):
             try:
                 written |= {made.name for made in export(fit, name, folder / f"{path.stem}{TARGET_ENDINGS[name]}")}
             except ExportError as error:
