@@ -131,9 +131,9 @@ def test_equal_data_give_equal_files_and_formats_follow_the_ending(tmp_path):
 def test_lines_of_a_compact_svg_stay_within_a_twentieth_of_a_point():
     places = np.round(np.cumsum(np.random.default_rng(5).normal(0, 0.4, (300, 2)), 0), 6)
     line = " \n".join(f"{'L' if n else 'M'} {x} {y}" for n, (x, y) in enumerate(places))
-    svg = (
-        f'<g>\n <path d="{line} z"/>\n <path d="M 1.23456 2 C 3 4.5678 5 6 7 8 "/><text x="1.23456">0.12345</text></g>'
-    )
+    curve = '<path d="M 1.23456 2 C 3 4.5678 5 6 7 8 "/>'
+    text = '<text x="1.23456" transform="rotate(-0 1 2)">0.12345</text>'
+    svg = f'<g id="axes_1">\n <path d="{line} z"/>\n {curve}{text}</g>'
     short = style.compact(svg)
     assert short.endswith('<path d="M1.23 2C3 4.56 5 6 7 8"/><text x="1.23456">0.12345</text></g>')
     drawn = re.search(r'd="M(.*?)z"', short)[1]
