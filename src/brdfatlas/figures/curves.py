@@ -68,7 +68,7 @@ def plot_curves(charts: Sequence[Mapping[str, Any]], titles: Mapping[str, str], 
                 style.root_axis(axis)
             if chart["log"]:
                 top = max(v for curve in chart["models"].values() for v in curve["y"] if v)
-                style.log_axis(axis, top * 1e-6, top * 2)
+                style.log_axis(axis, top * style.LEAST, top * 2)
             else:
                 axis.set_ylim(bottom=0)
         lines = {line.get_label(): line for axis in axes[0] for line in axis.get_lines()}

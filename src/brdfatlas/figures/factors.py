@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib import pyplot
+from matplotlib.axes import Axes
 
 from brdfatlas.angles import N_PHI_D, grid_cosines
 from brdfatlas.figures import style
@@ -42,14 +42,8 @@ def plot_slices(
     pictures = {"reference (stand-in)" if measured.standin else "reference": measured.table}
     pictures |= {name: fit.table() for name, fit in fits.items()}
     with style.paper():
-        figure, axes = pyplot.subplots(
-            1,
-            len(pictures),
-            figsize=(1.75 * len(pictures) + 0.6, 2.5),
-            layout="constrained",
-            squeeze=False,
-            sharey=True,
-        )
+        size = (1.75 * len(pictures) + 0.6, 2.5)
+        figure, axes = style.panels(1, len(pictures), size, top=0.7 if title else 0.45, gaps=(0.15, 0), shared=True)
         for axis, (name, table) in zip(axes[0], pictures.items()):
             picture = np.stack([compressed(table[:, :, index, c], medians[c]) for c in range(3)], -1)
             picture = np.where(valid[..., None], picture, NO_DATA)
@@ -57,15 +51,20 @@ def plot_slices(
                 np.clip(np.swapaxes(picture, 0, 1), 0, 1), origin="lower", extent=(0, 90, 0, 90), aspect="equal",
                 interpolation="nearest",
             )  # fmt: skip
-            axis.set_title(textwrap.fill(name, 18))
-            ticks = np.array([1, 10, 30, 60, 90])
-            axis.set_xticks(np.sqrt(ticks / 90) * 90, [str(t) for t in ticks])
-            axis.set_xlabel(r"$\theta_h$ (degrees)")
-            axis.grid(False)
-        axes[0, 0].set_ylabel(r"$\theta_d$ (degrees)")
+            axis.set_title(textwrap.fill(name, 22))
+            _half_angles(axis)
+        axes[0, 0].set_ylabel("θd (degrees)")
         if title:
             figure.suptitle(title)
         style.save(figure, path)
+
+
+def _half_angles(axis: Axes) -> None:
+    """Degrees of theta_h below a picture of the grid's cells."""
+    ticks = np.array([1, 10, 30, 60, 90])
+    axis.set_xticks(np.sqrt(ticks / 90) * 90, [str(t) for t in ticks])
+    axis.set_xlabel("θh (degrees)")
+    axis.grid(False)
 
 
 def plot_weights(measured: Measured, path: str | os.PathLike, *, power: float = 1.4, title: str = "") -> None:
@@ -85,7 +84,9 @@ def plot_weights(measured: Measured, path: str | os.PathLike, *, power: float = 
         r"product $w$": whole,
     }
     with style.paper():
-        figure, axes = pyplot.subplots(1, 4, figsize=(8.4, 2.4), layout="constrained", sharey=True)
+        figure, (axes,) = style.panels(
+            1, 4, (8.4, 2.4), right=0.6, top=0.5 if title else 0.25, gaps=(0.15, 0), shared=True
+        )
         for axis, (name, values) in zip(axes, parts.items()):
             values = np.where(keep, values, np.nan)
             peak = np.nanmax(values) if keep.any() else 1.0
@@ -94,13 +95,10 @@ def plot_weights(measured: Measured, path: str | os.PathLike, *, power: float = 
                 (values / (peak if peak > 0 else 1.0)).T, origin="lower", extent=(0, 90, 0, 90), cmap="viridis",
                 vmin=0, vmax=1, interpolation="nearest",
             )  # fmt: skip
-            ticks = np.array([1, 10, 30, 60, 90])
-            axis.set_xticks(np.sqrt(ticks / 90) * 90, [str(t) for t in ticks])
             axis.set_title(name)
-            axis.set_xlabel(r"$\theta_h$ (degrees)")
-            axis.grid(False)
-        axes[0].set_ylabel(r"$\theta_d$ (degrees)")
-        figure.colorbar(shown, ax=axes, shrink=0.85)
+            _half_angles(axis)
+        axes[0].set_ylabel("θd (degrees)")
+        figure.colorbar(shown, cax=figure.add_axes((0.94, 0.2, 0.012, 0.65)))
         if title:
             figure.suptitle(title)
         style.save(figure, path)

@@ -15,8 +15,6 @@ AXES = {
     "theta": "θ (degrees)",
     "phi_d": "φd (degrees)",
 }
-#: Five decades hold all that a picture shows of a highlight.
-DECADES = 1e-6
 
 
 def plot_functions(fit: Fit, path: str | os.PathLike, *, title: str = "") -> bool:
@@ -54,7 +52,7 @@ def _plot(axis: Axes, own: list[Function], title: str) -> None:
     if first.axis == "theta_h":  # spaced as the measurements are
         style.root_axis(axis)
         if low >= 0:
-            style.log_axis(axis, max(top, 1e-12) * DECADES, max(top, 1e-12) * 2)
+            style.log_axis(axis, max(top, 1e-12) * style.LEAST, max(top, 1e-12) * 2)
     else:
         axis.set_xticks([0, 30, 60, 90] if first.axis != "phi_d" else [0, 60, 120, 180])
         if low >= 0:

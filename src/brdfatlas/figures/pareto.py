@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib import pyplot
 
 from brdfatlas.figures import style
 from brdfatlas.measures.summary import LEADING, Summary
@@ -31,15 +32,15 @@ def spread(heights: Sequence[float], gap: float) -> list[float]:
 def pareto_figure(summary: Summary) -> bytes:
     """Median ΔE00 over the materials against bytes and against seconds of one fit, both axes logarithmic, as SVG;
     empty if there is nothing to draw. The Pareto-optimal models are named in a column beside the plot."""
-    from matplotlib.figure import Figure
-
     values = {name: summary.value(name) for name in summary.models}
     drawn = [name for name, value in values.items() if math.isfinite(value) and value > 0]
     if not drawn:
         return b""
     with style.paper():
-        figure = Figure(figsize=(style.PAGE, 3.0), layout="constrained")
-        for axes, key in zip(figure.subplots(1, 2, sharey=True), ("bytes", "seconds"), strict=True):
+        names = 0.25 + 0.05 * max(len(summary.models[name].title) for name in drawn)  # inches beside each plot
+        figure, (both,) = style.panels(1, 2, (style.PAGE, 3.0), right=names, bottom=0.6, gaps=(names + 0.2, 0))
+        both[1].sharey(both[0])
+        for axes, key in zip(both, ("bytes", "seconds"), strict=True):
             points = {name: (summary.cost(name, key), values[name]) for name in drawn}
             points = {name: point for name, point in points.items() if point[0] > 0}
             front = [name for name in summary.front(key) if name in points]
@@ -49,7 +50,9 @@ def pareto_figure(summary: Summary) -> bytes:
                 colour, marker = FAMILIES[summary.models[name].family]
                 filled = colour if name in front else "white"
                 axes.plot(*point, marker, ms=4.5, color=colour, mfc=filled, label=summary.models[name].family)
-            axes.set(xscale="log", yscale="log", xlabel=f"{key} of one fit (median)")
+            style.log_axis(axes, along="x")
+            style.log_axis(axes, fine=True)
+            axes.set_xlabel(f"{key} of one fit (median)")
             low, high = np.log(axes.get_ylim())
             order = sorted(front, key=lambda name: -points[name][1])
             heights = [(math.log(points[name][1]) - low) / (high - low) for name in order]
@@ -61,7 +64,8 @@ def pareto_figure(summary: Summary) -> bytes:
                 )  # fmt: skip
         figure.axes[0].set_ylabel(f"{LEADING.label} (median)")
         handles = {line.get_label(): line for a in figure.axes for line in a.get_lines() if line.get_label()[0] != "_"}
-        figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=len(handles))
+        figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=len(handles))
         stream = io.BytesIO()
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+        pyplot.close(figure)
         return stream.getvalue()

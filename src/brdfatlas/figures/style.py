@@ -24,6 +24,8 @@ LINES = ("-", "--", ":", "-.")
 #: red, green and blue that also differ in lightness
 RGB = ("#D55E00", "#009E73", "#0072B2")
 INK, PALE = "#222222", "#D9D9D9"
+#: A logarithmic axis of an NDF begins at this share of its top: six decades hold all that is seen of a highlight.
+LEAST = 1e-6
 #: Width of a figure that fills a page of the PDF, inches: drawn at the size it is set at, so that type keeps its size.
 PAGE = 7.16
 
@@ -107,13 +109,16 @@ def power_of_ten(value: float, position: int | None = None) -> str:
     return "10" + str(round(np.log10(value))).translate(_RAISED)
 
 
-def log_axis(axis: Axes, low: float | None = None, high: float | None = None) -> None:
-    """Logarithmic values with a tick at some powers of ten and none between."""
-    axis.set_yscale("log")
-    axis.set_ylim(low, high)
-    axis.yaxis.set_major_locator(LogLocator(numticks=6))
-    axis.yaxis.set_minor_locator(NullLocator())
-    axis.yaxis.set_major_formatter(power_of_ten)
+def log_axis(
+    axis: Axes, low: float | None = None, high: float | None = None, *, along: str = "y", fine: bool = False
+) -> None:
+    """Logarithmic values with a tick at some powers of ten and none between; ``fine``, for values of one decade or two,
+    at 1, 2 and 5 of each, as plain numbers."""
+    axis.set(**{f"{along}scale": "log", f"{along}lim": (low, high)})
+    ticks = axis.yaxis if along == "y" else axis.xaxis
+    ticks.set_major_locator(LogLocator(subs=(1, 2, 5) if fine else (1,), numticks=6))
+    ticks.set_minor_locator(NullLocator())
+    ticks.set_major_formatter("{x:g}" if fine else power_of_ten)
 
 
 def compact(svg: str) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from matplotlib import pyplot
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.figures import style
@@ -58,9 +57,11 @@ def plot_summary(
     )
     count = len(table)
     with style.paper():
-        figure, axes = pyplot.subplots(2, 1, figsize=(8.4, 7.2), sharey=True, layout="constrained")
         marker = "o" if count <= 40 else ""
-        for axis, (order, title) in zip(axes, orders):
+        below = 0.15 + 0.05 * max(map(len, table.index)) if count <= 40 else 0.4  # inches, of names or one line
+        figure, axes = style.panels(2, 1, (8.4, 7.2), right=2.45, bottom=below, top=0.25, gaps=(0, below + 0.3))
+        axes[1, 0].sharey(axes[0, 0])
+        for axis, (order, title) in zip(axes[:, 0], orders):
             for model in ranked:
                 axis.plot(
                     np.arange(count),
@@ -74,13 +75,12 @@ def plot_summary(
             axis.set_title(f"Materials {title}", loc="left")
             axis.set(ylabel=f"{LEADING.title}, mean over scenes", xlim=(-0.5, count - 0.5))
             if table[models].min(axis=None) > 0:
-                axis.set_yscale("log")
-                axis.yaxis.set_major_formatter("{x:g}")
+                style.log_axis(axis, fine=True)
             axis.grid(axis="x", visible=False)
             if count <= 40:
                 axis.set_xticks(np.arange(count), list(order), rotation=90, fontsize=6)
             else:
                 axis.set_xticks([])
                 axis.set_xlabel(f"{count} materials")
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper")
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="upper right")
         style.save(figure, path)
