@@ -92,10 +92,8 @@ def own_models() -> Iterator[None]:
     """Models that a file's tests made known are forgotten: which files share a process is chance."""
     from brdfatlas.models import MODELS  # not before the threads are set
 
-    before = dict(MODELS._own)
-    yield
-    MODELS._own.clear()
-    MODELS._own.update(before)
+    with MODELS.restored():
+        yield
 
 
 @pytest.fixture(scope="session")

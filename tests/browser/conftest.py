@@ -82,11 +82,8 @@ def site(tmp_path_factory) -> Iterator[Run]:
     """Five materials with hostile titles, seven models of which one failed once, two scenes; every page written."""
     root = tmp_path_factory.mktemp("site")
     materials = ["alum-bronze", "pink-felt", "chrome", "yellow-plastic", "pvc"]
-    monkeypatch = pytest.MonkeyPatch()
-    # The models of this run are unknown again afterwards.
-    monkeypatch.setattr(MODELS, "_own", dict(MODELS._own))
-    models = toy_models(root / "toys", 7)
-    run = make_run(root, materials, models, failed=("chrome", "toy_03"), title=HOSTILE, size=48)
-    run.write_site()
-    yield run
-    monkeypatch.undo()
+    with MODELS.restored():
+        models = toy_models(root / "toys", 7)
+        run = make_run(root, materials, models, failed=("chrome", "toy_03"), title=HOSTILE, size=48)
+        run.write_site()
+        yield run

@@ -7,6 +7,7 @@ config/models.yaml.
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,15 @@ class Registry(Mapping[str, Model]):
     def register_file(self, name: str, path: str | Path) -> None:
         """Make the model of a Python file known to this process."""
         self.use([Entry(name, name, source=str(path))])
+
+    @contextmanager
+    def restored(self) -> Iterator[None]:
+        """What is made known within a block is forgotten after it."""
+        before = dict(self._own)
+        try:
+            yield
+        finally:
+            self._own = before
 
     def entry(self, name: str) -> Entry:
         """The entry of a name, or a class without options. KeyError names what is known."""
