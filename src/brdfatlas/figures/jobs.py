@@ -2,9 +2,10 @@
 
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,10 @@ from brdfatlas.formats.reader import read
 from brdfatlas.measured import extend
 from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS
+
+#: What an earlier run, with other fits, may have drawn beside what every run draws.
+SOMETIMES = ("functions.svg", "slices.webp", "weights.svg", "samples.svg")
+OF_A_FIT = ("functions/{}.svg", "convergence/{}.svg", "tables/{}.js")
 
 
 def titles_of(models: Sequence[str]) -> dict[str, str]:
@@ -89,19 +94,23 @@ def figures_job(
         plot_weights(measured, folder / "weights.svg")
         drawn |= {"slices.webp", "weights.svg"}
     for name, fit in loaded.items():
-        title = titles[name]
-        path = folder / "functions" / f"{name}.svg"
-        if plot_functions(fit, path, title=title):
-            drawn.add(path.relative_to(folder).as_posix())
-        path = folder / "convergence" / f"{name}.svg"
-        channels = (read_json(Path(fits) / f"{name}.json").get("details") or {}).get("channels")
-        if channels and plot_convergence(channels, path, title=title):
-            drawn.add(path.relative_to(folder).as_posix())
-    several = ((f"functions/{name}.svg", f"convergence/{name}.svg", f"tables/{name}.js") for name in models)
-    for name in chain(("functions.svg", "slices.webp", "weights.svg", "samples.svg"), *several):
+        drawn |= _draw_fit(fit, titles[name], read_json(Path(fits) / f"{name}.json"), folder, name)
+    of_fits = (pattern.format(name) for pattern in OF_A_FIT for name in models)
+    for name in chain(SOMETIMES, of_fits):
         if name not in drawn:
             (folder / name).unlink(missing_ok=True)
     write_json(listing, {"figures": digests(folder, sorted(drawn))})
+
+
+def _draw_fit(fit: Fit, title: str, report: Mapping[str, Any], folder: Path, name: str) -> set[str]:
+    """The figures of one fit below ``folder``; returns their names there."""
+    drawn, file = set(), f"{name}.svg"
+    if plot_functions(fit, folder / "functions" / file, title=title):
+        drawn.add(f"functions/{file}")
+    channels = (report.get("details") or {}).get("channels")
+    if channels and plot_convergence(channels, folder / "convergence" / file, title=title):
+        drawn.add(f"convergence/{file}")
+    return drawn
 
 
 def summary_job(

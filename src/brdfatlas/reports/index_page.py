@@ -303,24 +303,13 @@ def atlas_script(
     kinds = list(dict.fromkeys(tuple(found) for row in files for found in row))
     return {
         "materials": [
-            {
-                "name": m.name,
-                "title": m.title,
-                "standin": m.standin,
-                "class": summary.classes[m.name],
-                "diffuseness": rounded(m.facts.get("diffuseness")),
-            }
+            {key: getattr(m, key) for key in ("name", "title", "standin")}
+            | {"class": summary.classes[m.name], "diffuseness": rounded(m.facts.get("diffuseness"))}
             for m in materials
         ],
         "models": [
-            {
-                "name": name,
-                "title": m.title,
-                "paper": m.paper,
-                "family": m.family,
-                "status": m.short_status,
-                "reciprocal": m.reciprocal,
-            }
+            {"name": name, "status": m.short_status}
+            | {key: getattr(m, key) for key in ("title", "paper", "family", "reciprocal")}
             for name, m in summary.models.items()
         ],
         "order": [place_of[name] for name in summary.order()],

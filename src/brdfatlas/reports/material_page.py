@@ -62,6 +62,8 @@ KINDS = (
         "and scenes.",
     ),
 )
+#: Figures of all models, in the order of the page.
+FIGURES = ("functions.svg", "lobes.svg")
 #: Arrays of more numbers are not printed; they are in the fit's file.
 PRINTED = 24
 
@@ -115,10 +117,9 @@ def write_material_page(
 ) -> None:
     """Write the page of one material, its tables in ``data`` and its thumbnail in ``pictures``.
 
-    ``animation``: the note beside animation.webp in ``pictures``, where there is one.
-
-    ``pictures`` is the folder of the material's pictures and fits (figures.pictures, :mod:`.fit_files`);
-    ``materials`` is the order of pages. The page needs nothing of other materials: it is out when its material is.
+    ``pictures`` is the folder of the material's pictures and fits (figures.pictures, :mod:`.fit_files`); ``animation``:
+    the note beside animation.webp there, if any; ``materials`` is the order of pages. The page needs nothing of other
+    materials: it is out when its material is.
     """
     output, pictures, data = Path(output), Path(pictures), Path(data)
     material = read_material(material_file, fit_files, errors_file, brdf_errors_file)
@@ -127,20 +128,11 @@ def write_material_page(
     for entry in entries:
         base = f"{quote(material.name)}/fits/{quote(entry.name)}"
         entry.files = [(end, f"{base}{end}", ENDINGS[end]) for end in files_of(pictures, entry.name)]
-    tables = {
-        "image errors": ("errors.tsv", material.errors),
-        "BRDF-space errors": ("brdf.tsv", material.brdf_errors),
-        "fits": ("fits.tsv", fits_frame(material)),
-        "parameters": ("parameters.tsv", parameters_frame(material)),
-        "published parameters": ("published.tsv", _published_frame(material, entries, summary)),
-    }
-    for ending, frame in tables.values():
-        write_tsv(data / "materials" / material.name / ending, frame)
     write_thumbnail(pictures, scenes, models)
     place = list(materials).index(material.name)
-    recommended = summary.recommend([material.name])
     by_name = {entry.name: entry for entry in entries}
-    chosen = by_name.get(recommended[[b.key for b in BUDGETS].index("any")] or "")
+    budgets = [(b, by_name.get(n or "")) for b, n in zip(BUDGETS, summary.recommend([material.name]), strict=True)]
+    chosen = next(entry for budget, entry in budgets if budget.key == "any")
     render_page(
         "material.html.j2",
         output,
@@ -157,29 +149,45 @@ def write_material_page(
         entries=entries,
         noise=make_entry(material, REFERENCE_AGAIN, None, scenes),
         chosen=chosen,
-        budgets=[(budget, by_name.get(name or "")) for budget, name in zip(BUDGETS, recommended, strict=True)],
-        hero=[find_picture(output, picture_file(pictures, scenes[0].name, name)) for name in (REFERENCE, chosen.name)]
-        if chosen
-        else [],
+        budgets=budgets,
         kinds=KINDS,
         animation=animation_told(output, pictures, animation, by_name),
-        size=_picture_size(output, pictures, scenes, models),
-        bars=_bars(output),
-        figures=[
-            (name, f"{quote(pictures.name)}/{name}")
-            for name in ("functions.svg", "lobes.svg")
-            if (pictures / name).is_file()
-        ],
-        curves=(pictures / "curves.js").is_file(),
-        diagnostics=diagnostics(output, pictures, entries),
+        **_pictured(output, pictures, scenes, entries, chosen),
         measures=MEASURES,
         brdf_measures=BRDF_MEASURES,
         remarks=_remarks(entries),
         script=page_data(material, summary, entries, scenes),
-        data_links=[
-            (name, f"../data/materials/{quote(material.name)}/{ending}") for name, (ending, _frame) in tables.items()
-        ],
+        data_links=_write_tables(data, material, entries, summary),
     )
+
+
+def _pictured(
+    page: Path, pictures: Path, scenes: Sequence[SceneFacts], entries: Sequence[Entry], chosen: Entry | None
+) -> dict[str, Any]:
+    """What the page shows of the pictures that are there."""
+    hero = (REFERENCE, chosen.name) if chosen else ()
+    return {
+        "hero": [find_picture(page, picture_file(pictures, scenes[0].name, name)) for name in hero],
+        "size": _picture_size(page, pictures, scenes, [entry.name for entry in entries]),
+        "bars": _bars(page),
+        "figures": [(name, f"{quote(pictures.name)}/{name}") for name in FIGURES if (pictures / name).is_file()],
+        "curves": (pictures / "curves.js").is_file(),
+        "diagnostics": diagnostics(page, pictures, entries),
+    }
+
+
+def _write_tables(data: Path, material: Material, entries: Sequence[Entry], summary: Summary) -> list[tuple[str, str]]:
+    """The tables of a material below ``data``; returns their titles and addresses from its page."""
+    tables = {
+        "image errors": ("errors.tsv", material.errors),
+        "BRDF-space errors": ("brdf.tsv", material.brdf_errors),
+        "fits": ("fits.tsv", fits_frame(material)),
+        "parameters": ("parameters.tsv", parameters_frame(material)),
+        "published parameters": ("published.tsv", _published_frame(material, entries, summary)),
+    }
+    for file, frame in tables.values():
+        write_tsv(data / "materials" / material.name / file, frame)
+    return [(title, f"../data/materials/{quote(material.name)}/{file}") for title, (file, _) in tables.items()]
 
 
 def animation_told(
