@@ -1,7 +1,7 @@
 """Fetch materials of the RGL database that are not there yet; what it says goes to the log and to the terminal."""
 
-from brdfatlas.pipeline.download import fetch_rgl_job
+from brdfatlas.pipeline.download import fetch_rgl
 from brdfatlas.pipeline.logs import logged
 
 with logged(snakemake.log[0]) as say:
-    fetch_rgl_job(snakemake.params.materials, snakemake.params.folder, say)
+    fetch_rgl(snakemake.params.materials, snakemake.params.folder, say=say)

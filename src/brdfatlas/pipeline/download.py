@@ -4,7 +4,6 @@ import hashlib
 import os
 import re
 import shutil
-import sys
 import tarfile
 import time
 import zipfile
@@ -26,6 +25,8 @@ from brdfatlas.measured import MeasuredError
 from brdfatlas.settings import NAME
 
 CHUNK = 1 << 20
+#: Tells a person a line.
+Say = Callable[[str], None]
 #: Statuses that may pass by themselves; every other fault of the server is final.
 PASSING = (408, 425, 429, 500, 502, 503, 504)
 #: A library's fault -> a person's words; the first that fits.
@@ -79,18 +80,18 @@ def download(
     remote: Remote,
     path: str | os.PathLike,
     *,
+    say: Say,
     attempts: int = 8,
     timeout: float = 30.0,
     pause: float = 2.0,
-    say: Callable[[str], None] | None = None,
-) -> Path:
+) -> None:
     """Fetch ``remote`` into ``path``; what came of an earlier try is continued where the server allows it.
 
     Until size and checksum are right the bytes are in ``path`` + ".part". Answers that fail are asked for again, and
     bodies that break off continued, up to ``attempts`` times in a row without progress, ``pause`` seconds apart.
-    Raises DownloadError.
+    ``say`` tells a person how it goes. Raises DownloadError.
     """
-    path, say = Path(path), say or _to_stderr
+    path = Path(path)
     part = path.with_name(path.name + ".part")
     retry = Retry(attempts - 1, connect=2, backoff_factor=pause, status_forcelist=PASSING, raise_on_status=False)
     with _writing(path), requests.Session() as session:
@@ -105,7 +106,7 @@ def download(
                 if not fault:
                     os.replace(part, path)
                     _forget(part)
-                    return path
+                    return
                 _forget(part)
                 if not old:
                     raise DownloadError(f"{remote.url}: {fault}; nothing of it is kept")
@@ -119,7 +120,7 @@ def download(
     raise DownloadError(f"{remote.url}: {fault}{_kept(part)}")
 
 
-def _fetch(session: requests.Session, remote: Remote, part: Path, timeout: float, say: Callable[[str], None]) -> str:
+def _fetch(session: requests.Session, remote: Remote, part: Path, timeout: float, say: Say) -> str:
     """One request, whose body is appended to ``part``. Returns why the body is not whole, "" if it is."""
     start, mark = _size(part), _mark(part, remote.url)
     if start and (not mark or start > (remote.size or start)):
@@ -161,7 +162,7 @@ def _fetch(session: requests.Session, remote: Remote, part: Path, timeout: float
             write_text(_notes(part), f"{remote.url} {mark}")
             response.raw.enforce_content_length = False  # else the last bytes before a cut are thrown away
             done, shown, of = start, time.monotonic(), f" of {expected / 1e6:,.0f}" if expected else ""
-            try:
+            with suppress(requests.RequestException):  # what of a cut body has come is counted below
                 for chunk in response.iter_content(CHUNK):
                     done += handle.write(chunk)
                     if expected is not None and done > expected:
@@ -170,9 +171,8 @@ def _fetch(session: requests.Session, remote: Remote, part: Path, timeout: float
                     if time.monotonic() - shown > 10.0:
                         shown = time.monotonic()
                         say(f"{remote.url}: {done / 1e6:,.0f} MB{of}")
-            except requests.RequestException:
-                return "connection cut"
-    return "" if expected in (None, done) else f"connection closed after {done:,} of {expected:,} bytes"
+                return "" if expected in (None, done) else f"connection closed after {done:,} of {expected:,} bytes"
+    return "connection cut"
 
 
 def _notes(part: Path) -> Path:
@@ -220,19 +220,6 @@ def _writing(path: Path) -> Iterator[None]:
         raise DownloadError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
-@contextmanager
-def _job(name: str) -> Iterator[None]:
-    """Body of a rule: a fault ends the job with its one line; what has arrived stays."""
-    try:
-        yield
-    except DownloadError as error:
-        raise SystemExit(f"{name}: {error}") from None
-
-
-def _to_stderr(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
-
-
 # MERL ---------------------------------------------------------------------------------------------------------------
 
 
@@ -245,16 +232,14 @@ def material_of(member: str) -> str | None:
     return path.stem if path.suffix == ".binary" and NAME.match(path.stem) else None
 
 
-def unpack_merl(
-    archive: str | os.PathLike, folder: str | os.PathLike, say: Callable[[str], None] | None = None
-) -> list[dict[str, str]]:
+def unpack_merl(archive: str | os.PathLike, folder: str | os.PathLike, say: Say) -> list[dict[str, str]]:
     """Unpack the .binary files of a MERL archive into ``folder``; returns [{"name", "crc32"}] by name.
 
     All are first unpacked and checked in a hidden folder beside them: a run never sees half of the database. What is
     there from an earlier try is used again if it is right. A file of the same name and other contents is never
     replaced. Raises DownloadError.
     """
-    archive, folder, say = Path(archive), Path(folder), say or _to_stderr
+    archive, folder = Path(archive), Path(folder)
     staging = folder / ".incoming"
     with _writing(folder):
         staging.mkdir(parents=True, exist_ok=True)
@@ -304,17 +289,19 @@ def _unpack_member(zipped: zipfile.ZipFile, info: zipfile.ZipInfo, staged: Path,
             raise DownloadError(f"{zipped.filename}: {info.filename}: {fault}") from None
 
 
-def fetch_merl(remote: Remote, folder: str | os.PathLike, record: str | os.PathLike, **options: Any) -> None:
+def fetch_merl(
+    remote: Remote, folder: str | os.PathLike, record: str | os.PathLike, *, say: Say, **options: Any
+) -> None:
     """The database from its public home into ``folder``: downloaded, checked, unpacked, its terms shown and recorded.
 
     ``record`` (JSON) is written last: where it exists the database is complete. ``options`` as of :func:`download`.
     Raises DownloadError.
     """
-    folder, say = Path(folder), options.get("say") or _to_stderr
+    folder = Path(folder)
     say(MERL_TERMS)
     archive = folder / "BRDFDatabase.zip"
     if not archive.exists() or _wrong(remote, archive):
-        download(remote, archive, **options)
+        download(remote, archive, say=say, **options)
     materials = unpack_merl(archive, folder, say)
     with _writing(folder):
         write_text(folder / "TERMS.txt", MERL_TERMS)
@@ -323,27 +310,21 @@ def fetch_merl(remote: Remote, folder: str | os.PathLike, record: str | os.PathL
     say(f"{folder}: {len(materials)} materials")
 
 
-def fetch_merl_job(source: Mapping[str, Any], folder: str, record: str, say: Callable[[str], None]) -> None:
-    """Body of the rule that downloads the database."""
-    with _job("merl"):
-        fetch_merl(remote_of(source), folder, record, say=say)
-
-
 # RGL ----------------------------------------------------------------------------------------------------------------
 
 
-def fetch_rgl(materials: Mapping[str, str], folder: str | os.PathLike, **options: Any) -> list[str]:
+def fetch_rgl(materials: Mapping[str, str], folder: str | os.PathLike, *, say: Say, **options: Any) -> list[str]:
     """Isotropic materials of the RGL database, name -> address, into ``folder``: each is checked by its content before
     it appears there. Files that are there stay as they are. Returns the names that were fetched. ``options`` as of
     :func:`download`. Raises DownloadError.
     """
-    folder, say = Path(folder), options.get("say") or _to_stderr
+    folder = Path(folder)
     say(RGL_TERMS)
     paths = {name: folder / f"{name}_rgb.bsdf" for name in materials}
     missing = [name for name, path in paths.items() if not path.exists()]
     for name in missing:
         arriving = folder / ".incoming" / paths[name].name
-        download(Remote(materials[name]), arriving, **options)
+        download(Remote(materials[name]), arriving, say=say, **options)
         try:
             check_rgl(arriving)
         except MeasuredError as error:
@@ -355,12 +336,6 @@ def fetch_rgl(materials: Mapping[str, str], folder: str | os.PathLike, **options
         (folder / ".incoming").rmdir()
     say(f"{folder}: {len(materials)} materials of the RGL database, {len(missing)} of them new")
     return missing
-
-
-def fetch_rgl_job(materials: Mapping[str, str], folder: str, say: Callable[[str], None]) -> None:
-    """Body of the rule that fetches what is missing of the database."""
-    with _job("rgl"):
-        fetch_rgl(materials, folder, say=say)
 
 
 # Assets of scenes ---------------------------------------------------------------------------------------------------
@@ -412,14 +387,13 @@ def remote_of(source: Mapping[str, Any]) -> Remote:
     return Remote(source["url"], source["size"] or None, source["checksum"] or None)
 
 
-def fetch_assets_job(assets: Mapping[str, Mapping[str, Any]], folder: str, say: Callable[[str], None]) -> None:
-    """Body of the rule: fetch what is not in ``folder`` yet; what is there stays as it is, whoever put it there."""
+def fetch_assets(assets: Mapping[str, Mapping[str, Any]], folder: str, say: Say) -> None:
+    """Fetch what is not in ``folder`` yet; what is there stays as it is, whoever put it there. Raises DownloadError."""
     for name, source in assets.items():
         path = Path(folder) / name
         if path.exists():
             say(f"{path}: there already")
             continue
         say(f"{path}: {source['terms']}")
-        with _job(path.parent.name):
-            record = path.parent / "checksums" / f"{name}.json"
-            fetch_asset(path, remote_of(source), record, source["member"] or None, say=say)
+        record = path.parent / "checksums" / f"{name}.json"
+        fetch_asset(path, remote_of(source), record, source["member"] or None, say=say)
