@@ -22,11 +22,14 @@ def module_path(module: str) -> Path | None:
 
     None also for the package itself and the registry of models, which must not tie every model to every other.
     """
-    parts = module.split(".")
-    if parts[0] != PACKAGE or module in (PACKAGE, f"{PACKAGE}.models"):
-        return None
-    path = ROOT.joinpath(*parts[1:])
-    return next((file for file in (path.with_suffix(".py"), path / "__init__.py") if file.is_file()), None)
+    return None if module in (PACKAGE, f"{PACKAGE}.models") else _modules().get(module)
+
+
+@cache
+def _modules() -> dict[str, Path]:
+    """Dotted name -> file of every module of this package."""
+    paths = {path: (PACKAGE, *path.relative_to(ROOT).with_suffix("").parts) for path in ROOT.rglob("*.py")}
+    return {".".join(parts).removesuffix(".__init__"): path for path, parts in paths.items()}
 
 
 @cache
@@ -71,10 +74,10 @@ def sources_of(*modules: str) -> tuple[Path, ...]:
         path = Path(module) if module.endswith(".py") else module_path(module)
         if path is None or not path.is_file():
             raise FileNotFoundError(f"no source file for {module}")
-        pending.append(path)
+        pending.append(path.resolve())
     found: set[Path] = set()
     while pending:
-        path = pending.pop().resolve()
+        path = pending.pop()
         if path not in found:
             found.add(path)
             pending += [target for name in imports_of(path) if (target := module_path(name))]
