@@ -31,7 +31,7 @@ rule prepare_scene:
 
 rule render_material:
     input:
-        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        fits=rules.list_fits.output,
         binary=binary_of,
         scene=rules.prepare_scene.output[0],
     output:
@@ -49,7 +49,8 @@ rule render_material:
     params:
         planned=planned,
         provenance=provenance("brdfatlas.rendering.jobs", libraries=RENDERING),
-        pictures=[*REFERENCES, *MODELS],
+        pictures=(*REFERENCES, *MODELS),
+        fits=FITS,
         models=MODELS,
         settings=render_settings,
         standin=lambda wildcards: wildcards.material in STANDINS,

@@ -3,12 +3,13 @@
 from brdfatlas.pipeline.jobs import fit_job
 from brdfatlas.pipeline.logs import logged
 
-with logged(snakemake.log[0], snakemake.params.planned):
+how = snakemake.params.fitting
+with logged(snakemake.log[0], how["planned"]):
     fit_job(
-        entry=snakemake.params.entry,
-        seed=snakemake.params.seed,
+        entry=how["entry"],
+        seed=how["seed"],
         binary=snakemake.input.binary,
-        standin=snakemake.params.standin,
+        standin=how["standin"],
         fit_path=snakemake.output.fit,
         report_path=snakemake.output.report,
     )
