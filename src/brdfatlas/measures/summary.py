@@ -127,21 +127,22 @@ Scores = Mapping[str, Mapping[str, Score]]
 def score_models(errors: pd.DataFrame) -> dict[str, dict[str, Score]]:
     """model -> measure -> score over all its good pictures. PSNR carries the standard error of the mean; it is infinite
     where a picture has a lower bound only, and so has the mean."""
-    found: dict[str, dict[str, Score]] = {}
-    for model, rows in errors[errors["status"] == "ok"].groupby("model", sort=False):
-        keys = [measure.key for measure in MEASURES if measure.key in rows and rows[measure.key].notna().any()]
-        means = rows.groupby("material", sort=False)[keys].mean()
-        found[str(model)] = {}
-        for key in keys:
-            values = rows[key].to_numpy(float)
-            there = ~np.isnan(values)
-            error = float("nan")
-            if key == "psnr_db" and "psnr_se_db" in rows:
-                error = float(np.sqrt(np.nansum(rows["psnr_se_db"].to_numpy(float)[there] ** 2))) / int(there.sum())
-            column = means[key].dropna()
-            found[str(model)][key] = Score(
-                float(values[there].mean()), error, int(there.sum()), median(column), column.min(), column.max()
-            )
+    good = errors[errors["status"] == "ok"]
+    values = {measure.key: good[measure.key].to_numpy(float) for measure in MEASURES if measure.key in good}
+    squares = good["psnr_se_db"].to_numpy(float) ** 2 if "psnr_se_db" in good else None
+    materials, (numbers, names) = pd.factorize(good["material"])[0], pd.factorize(good["model"])
+    found: dict[str, dict[str, Score]] = {str(name): {} for name in names}
+    for number, scores in enumerate(found.values()):
+        rows = np.flatnonzero(numbers == number)
+        for key, column in values.items():
+            there = rows[~np.isnan(column[rows])]
+            if there.size:
+                group = np.unique(materials[there], return_inverse=True)[1]
+                means = np.bincount(group, column[there]) / np.bincount(group)
+                known = squares is not None and key == "psnr_db"
+                error = float(np.sqrt(np.nansum(squares[there]))) / there.size if known else float("nan")
+                mean = float(column[there].mean())
+                scores[key] = Score(mean, error, there.size, median(means), float(means.min()), float(means.max()))
     return found
 
 
