@@ -518,6 +518,9 @@ def test_compare_side_by_side_swipe_and_error_map(tab, site):
       return [...c.getContext('2d').getImageData(c.width / 2, c.height / 2, 1, 1).data].slice(0, 3);
     })()""")
     assert same == [247, 247, 247], "no difference is the middle of the scale"
+    with page.expect_request("**/toy_04/diff.webp"):  # the run's own map of a difference to the reference
+        page.locator("#a").select_option("reference")
+    shown(page)
     page.locator("#view").select_option("swipe")
     assert shown(page) == ""
     assert tab.faults == []

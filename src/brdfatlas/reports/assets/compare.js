@@ -8,6 +8,8 @@
   const VIEWS = ["flip", "swipe", "side", "three", "four", "signed", "de00", "flipmap", "noise"];
   // Maps that the run drew, as pictures: view -> [kind, whose]; colour bars lie beside the style.
   const MAPS = { de00: "de00", flipmap: "flip", noise: "de00" };
+  // So is the difference to the reference at the run's exposure: that of stored radiances has their steps.
+  const mapKind = () => MAPS[state.v] || (state.v === "signed" && state.a === "reference" && state.b !== "reference" && state.e === 0 ? "diff" : "");
   const BARS = { de00: "bar-de00.svg", flipmap: "bar-flip.svg", noise: "bar-de00.svg" };
   const MODELS = [{ name: "reference", title: "reference" }, ...A.models];
   const K = A.models.length + 1, J = A.materials.length;
@@ -147,7 +149,7 @@
   // A picture that the run drew, for a map; drawn, never read.
   const drawnMaps = new Map();
   function mapOf(model) {
-    const kind = MAPS[state.v], whose = state.v === "noise" ? "reference_again" : model, src = `materials/${encodeURIComponent(state.m)}/renders/${encodeURIComponent(state.s)}/${encodeURIComponent(whose)}/${kind}.webp`;
+    const kind = mapKind(), whose = state.v === "noise" ? "reference_again" : model, src = `materials/${encodeURIComponent(state.m)}/renders/${encodeURIComponent(state.s)}/${encodeURIComponent(whose)}/${kind}.webp`;
     if (!drawnMaps.has(src)) {
       const image = new Image();
       image.onload = schedule; image.onerror = () => { image.dataset.error = A.reasons[`${state.m}/${model}`] || "this run made no such map"; schedule(); };
@@ -186,7 +188,7 @@
     canvas.height = Math.max(1, Math.round(box.height * ratio));
     const sides = SIDES.includes(state.v), names = sides ? shownModels() : [state.a, state.b];
     const entries = names.map((name) => load(idOf(name))), [left, right] = entries, both = panels();
-    const single = state.v === "flip" ? (flipped ? left : right) : null, map = MAPS[state.v] ? mapOf(state.b) : null;
+    const single = state.v === "flip" ? (flipped ? left : right) : null, map = mapKind() ? mapOf(state.b) : null;
     const wanted = map ? [] : single ? [single] : entries;
     const broken = map ? map.dataset.error : (wanted.find((w) => w.error) || {}).error;
     const ready = !broken && (map ? map.complete && map.naturalWidth > 0 : wanted.every((w) => w.picture));
