@@ -21,9 +21,9 @@ the pixels of a picture file, but may run a script that carries them. A channel 
 
 so that the reference is right within 1/192 stop (0.4 %) and a fit within 1/48 stop (1.5 %), however bright. A fit
 shares the paths of its reference, so its s is small and has little noise, which is what makes the file small; half the
-step would add a third to it. An image of h x w
-radiances is stored opaque and 2h high, because browsers multiply colours by alpha: s + 128 as 16 bits, the low bytes in
-the upper half, the high bytes below (no colour management: `colorSpaceConversion: "none"`).
+step would add a third to it. An image of h x w radiances is stored opaque and 2h high, because browsers multiply
+colours by alpha: s + 128 as 16 bits, the low bytes in the upper half, the high bytes below (no colour management:
+`colorSpaceConversion: "none"`).
 """
 
 import base64
