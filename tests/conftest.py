@@ -142,7 +142,7 @@ def new_project() -> Callable[[Path], Project]:
 
 
 #: What a run notes of itself tells of times and differs between equal runs.
-NOTES = {"logs", "benchmarks", "fitted", "progress.log"}
+NOTES = {"logs", "benchmarks", "progress.log"}
 
 
 def result_files(project: Project) -> dict[str, Path]:

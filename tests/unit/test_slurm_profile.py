@@ -21,7 +21,6 @@ def test_every_rule_has_its_memory_in_the_slurm_profile():
         "assets",
         "published_fits",
         "download_merl",
-        "list_fits",
         "record_checks",
         "record_run",
         "record_reports",

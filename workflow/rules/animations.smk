@@ -21,7 +21,8 @@ rule draw_animation:
     input:
         binary=binary_of,
         facts="results/materials/{material}.json",
-        fits=rules.list_fits.output,
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        reports=expand("results/fits/{{material}}/{model}.json", model=MODELS),
         errors="results/errors/{material}/images.tsv",
         brdf="results/errors/{material}/brdf.tsv",
         scene=lambda wildcards: scene_files([config["animation"]["scene"]]),
@@ -42,7 +43,7 @@ rule draw_animation:
         provenance=provenance("brdfatlas.reports.animation", libraries=(*RENDERING, "pillow")),
         models=MODELS,
         entries=ENTRIES,
-        fits=FITS,
+        fits=lambda wildcards, input: str(Path(input.fits[0]).parent),
         scene=[config["animation"]["scene"], ALL_SCENES[config["animation"]["scene"]]],
         scenes_file=config["scenes_file"],
         settings={key: config["animation"][key] for key in ("frames", "size", "samples", "model")}

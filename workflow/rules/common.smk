@@ -53,8 +53,6 @@ for name in list(MODELS):
         MODELS.remove(name)
         print(f"left out: {name}: {reasons[0]}", file=sys.stderr)
 
-# As a parameter of a job, Snakemake looks for wildcards in every string of a list, and takes a tuple as it is.
-MODELS = tuple(MODELS)
 # The rows of the run, for every job that says more of a model than its name.
 ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
 name_sources(ALL_ENTRIES.values())
@@ -96,6 +94,11 @@ def memory(megabytes):
     return lambda wildcards, attempt: attempt * round(megabytes)
 
 
+def parameters_of(wildcards):
+    """The file of an entry's given parameters, if it has any."""
+    return ALL_ENTRIES[wildcards.model].parameters or []
+
+
 def binary_of(wildcards):
     """The file of a material that jobs read."""
     return BINARIES[wildcards.material]
@@ -105,23 +108,6 @@ def planned(wildcards):
     """The stamp of a material's file, a parameter of all jobs that read it: one replaced while they worked, or by one
     that is older than their outputs, is noticed by the next run. Stand-ins are the run's own."""
     return STAMPS.get(wildcards.material, {})
-
-
-def fitted(wildcards):
-    """What a fit is made of: a material's file, and the entry's given parameters if it has any."""
-    return {"binary": binary_of(wildcards), "parameters": ALL_ENTRIES[wildcards.model].parameters or []}
-
-
-def fitting(wildcards):
-    """How a fit is made. One function, as :func:`fitted`: a plan calls each of them thousands of times."""
-    entry = ALL_ENTRIES[wildcards.model]
-    return {
-        "planned": planned(wildcards) | (stamps([entry.parameters]) if entry.parameters else {}),
-        "provenance": provenance(entry.module, "brdfatlas.pipeline.jobs", libraries=FITTING),
-        "entry": entry.plain,
-        "seed": config["seed"],
-        "standin": wildcards.material in STANDINS,
-    }
 
 
 def first_material_first(wildcards):

@@ -16,7 +16,7 @@ rule measure_errors:
     input:
         binary=binary_of,
         renders=RENDERS,
-        fits=rules.list_fits.output,
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
     output:
         images=report(
             "results/errors/{material}/images.tsv",
@@ -41,7 +41,6 @@ rule measure_errors:
     params:
         planned=planned,
         provenance=provenance("brdfatlas.measures.errors", libraries=MEASURING),
-        fits=FITS,
         models=MODELS,
         tones=TONES,
     message:

@@ -49,7 +49,7 @@ rule draw_bars:
 rule draw_figures:
     input:
         binary=binary_of,
-        fits=rules.list_fits.output,
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
     output:
         # Which functions there are depends on the models: a list stands for them.
         listing="results/figures/{material}.json",
@@ -71,7 +71,6 @@ rule draw_figures:
     params:
         planned=planned,
         provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
-        fits=FITS,
         models=MODELS,
         entries=ENTRIES,
         folder="reports/materials/{material}",

@@ -31,7 +31,7 @@ rule prepare_scene:
 
 rule render_material:
     input:
-        fits=rules.list_fits.output,
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
         binary=binary_of,
         scene=rules.prepare_scene.output[0],
     output:
@@ -49,8 +49,7 @@ rule render_material:
     params:
         planned=planned,
         provenance=provenance("brdfatlas.rendering.jobs", libraries=RENDERING),
-        pictures=(*REFERENCES, *MODELS),
-        fits=FITS,
+        pictures=[*REFERENCES, *MODELS],
         models=MODELS,
         settings=render_settings,
         standin=lambda wildcards: wildcards.material in STANDINS,

@@ -27,7 +27,7 @@ RUN_TABLES = ["materials", "recommended", "models", "errors", "brdf", "fits", "p
 
 rule write_fits:
     input:
-        fits=rules.list_fits.output,
+        fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
     output:
         # Which files a fit has depends on the fit: a list stands for them.
         listing="results/fit_files/{material}.json",
@@ -41,8 +41,6 @@ rule write_fits:
         runtime=5,
     params:
         provenance=provenance("brdfatlas.reports.fit_files"),
-        fits=FITS,
-        models=MODELS,
         folder="reports/materials/{material}/fits",
     message:
         "fits of {wildcards.material} to take away"
@@ -62,7 +60,7 @@ use rule write_fits as rewrite_fits with:
 rule write_material_page:
     input:
         facts="results/materials/{material}.json",
-        fits=rules.list_fits.output,
+        fits=expand("results/fits/{{material}}/{model}.json", model=MODELS),
         errors="results/errors/{material}/images.tsv",
         brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
@@ -88,7 +86,6 @@ rule write_material_page:
         runtime=5,
     params:
         provenance=provenance(SITE, files=TEMPLATES),
-        fits=FITS,
         pictures="reports/materials/{material}",
         data=lambda wildcards: "reports/data",
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
@@ -193,7 +190,7 @@ rule write_assets:
 rule typeset_material:
     input:
         facts="results/materials/{material}.json",
-        fits=rules.list_fits.output,
+        fits=expand("results/fits/{{material}}/{model}.json", model=MODELS),
         errors="results/errors/{material}/images.tsv",
         brdf="results/errors/{material}/brdf.tsv",
         pictures="results/pictures/{material}.json",
@@ -212,7 +209,6 @@ rule typeset_material:
         runtime=5,
     params:
         provenance=provenance(PDF, files=("reports/templates/*.typ",), libraries=("typst", "pypdf")),
-        fits=FITS,
         pictures="reports/materials/{material}",
         assets=lambda wildcards, input: str(Path(input.bars).parent),
         published=lambda wildcards, input: str(Path(input.published[0]).parent),
@@ -282,7 +278,7 @@ rule write_uber_texture:
 rule write_viewer:
     input:
         textures=expand("reports/data/models/{model}/uber-texture-{part}.exr", model=FACTORED, part=TEXTURE_PARTS),
-        fits=made_by(rules.list_fits, material=MATERIALS),
+        fits=expand("results/fits/{material}/{model}.npz", material=MATERIALS, model=MODELS),
         descriptions=expand("results/materials/{material}.json", material=MATERIALS),
         scenes=expand("results/scenes/{scene}.npz", scene=SCENES),
     output:

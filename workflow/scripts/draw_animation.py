@@ -9,12 +9,7 @@ with logged(snakemake.log[0], snakemake.params.planned):
     use_entries(p.entries)
     animation_job(
         i.binary,
-        {
-            "facts": i.facts,
-            "fits": [f"{p.fits}/{model}.json" for model in p.models],
-            "errors": i.errors,
-            "brdf": i.brdf,
-        },
+        {"facts": i.facts, "fits": i.reports, "errors": i.errors, "brdf": i.brdf},
         p.fits,
         p.models,
         tuple(p.scene),

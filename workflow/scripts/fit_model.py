@@ -3,13 +3,12 @@
 from brdfatlas.pipeline.jobs import fit_job
 from brdfatlas.pipeline.logs import logged
 
-how = snakemake.params.fitting
-with logged(snakemake.log[0], how["planned"]):
+with logged(snakemake.log[0], snakemake.params.planned):
     fit_job(
-        entry=how["entry"],
-        seed=how["seed"],
+        entry=snakemake.params.entry,
+        seed=snakemake.params.seed,
         binary=snakemake.input.binary,
-        standin=how["standin"],
+        standin=snakemake.params.standin,
         fit_path=snakemake.output.fit,
         report_path=snakemake.output.report,
     )

@@ -12,7 +12,7 @@ with logged(snakemake.log[0], snakemake.params.planned):
         models=snakemake.params.models,
         tones=snakemake.params.tones,
         renders=Path(snakemake.input.renders[0]).parents[1],
-        fits=snakemake.params.fits,
+        fits=Path(snakemake.input.fits[0]).parent,
         images_path=snakemake.output.images,
         brdf_path=snakemake.output.brdf,
         pairs_path=snakemake.output.get("pairs"),

@@ -11,7 +11,7 @@ with logged(snakemake.log[0]):
     write_material_pdf(
         snakemake.output[0],
         material_file=i.facts,
-        fit_files=[f"{p.fits}/{model}.json" for model in p.models],
+        fit_files=i.fits,
         errors_file=i.errors,
         brdf_errors_file=i.brdf,
         pictures=p.pictures,
