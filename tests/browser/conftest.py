@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -78,7 +77,7 @@ def tab(browser):
 
 
 @pytest.fixture(scope="package")
-def site(tmp_path_factory) -> Iterator[Run]:
+def site(tmp_path_factory) -> Run:
     """Five materials with hostile titles, seven models of which one failed once, two scenes; every page written."""
     root = tmp_path_factory.mktemp("site")
     materials = ["alum-bronze", "pink-felt", "chrome", "yellow-plastic", "pvc"]
@@ -86,4 +85,4 @@ def site(tmp_path_factory) -> Iterator[Run]:
         models = toy_models(root / "toys", 7)
         run = make_run(root, materials, models, failed=("chrome", "toy_03"), title=HOSTILE, size=48)
         run.write_site()
-        yield run
+    return run  # the models are unknown again: other files' tests may follow in this process
