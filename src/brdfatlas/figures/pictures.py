@@ -188,8 +188,8 @@ def material_pictures(
                 else:
                     path.unlink(missing_ok=True)
             if pictures and model != REFERENCE_AGAIN:
-                own = None if model == REFERENCE else base
-                written.append(write_hdr(folder, scene, model, hdr_levels(image.mean, own), own))
+                levels = (base,) if model == REFERENCE else (hdr_levels(image.mean, base), base)
+                written.append(write_hdr(folder, scene, model, *levels))
             else:
                 hdr_file(folder, scene, model).unlink(missing_ok=True)
     return sorted(path.relative_to(folder).as_posix() for path in written)

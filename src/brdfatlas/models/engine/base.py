@@ -321,8 +321,8 @@ class EngineModel(Model):
 
     def _descend(self, space: "Space", grid: Grid, starts: np.ndarray) -> tuple[Solution, list[tuple[float, float]]]:
         lower, upper = space.bounds()
-        fine = grid.merged(*FINE)
-        coarse, fine = (Problem(space, g.samples) for g in (fine.merged(*COARSER), fine))
+        merged = grid.merged(*FINE)
+        coarse, fine = Problem(space, merged.merged(*COARSER).samples), Problem(space, merged.samples)
         values = np.array([coarse.value(x) for x in starts])
         order = np.argsort(np.where(np.isfinite(values), values, np.inf), kind="stable")[: self.follow[0]]
         settings = {"follow": 1, "max_iterations": 40, "tolerance": 1e-4}

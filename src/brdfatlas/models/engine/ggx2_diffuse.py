@@ -27,14 +27,15 @@ from brdfatlas.sampling import Diffuse, GgxLobe, Mixture
 @njit(cache=True, nogil=True, error_model="numpy")
 def ggx2_diffuse(p, samples, out):
     """p = kd rgb, F0 rgb, alpha of both lobes, weight of both together, share of the second."""
-    first, second, weight, share = p[6], p[7], p[8], p[9]
+    matte, first, second = p[:3] / np.pi, p[6], p[7]
+    narrow, wide = p[8] * (1 - p[9]), p[8] * p[9]
     for n in range(samples.shape[0]):
         cos_i, cos_o, sin2_h, cos_d = samples[n]
-        lobe = weight * (1 - share) * ggx(sin2_h, first) * visible_correlated(cos_i, cos_o, first)
-        lobe += weight * share * ggx(sin2_h, second) * visible_correlated(cos_i, cos_o, second)
+        lobe = narrow * ggx(sin2_h, first) * visible_correlated(cos_i, cos_o, first)
+        lobe += wide * ggx(sin2_h, second) * visible_correlated(cos_i, cos_o, second)
         grazing = fifth(cos_d)
         for c in range(3):
-            out[n, c] = p[c] / np.pi + lobe * (p[3 + c] + (1 - p[3 + c]) * grazing)
+            out[n, c] = matte[c] + lobe * (p[3 + c] + (1 - p[3 + c]) * grazing)
 
 
 class Ggx2Diffuse(EngineModel):

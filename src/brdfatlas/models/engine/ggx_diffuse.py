@@ -26,13 +26,13 @@ F0 = Parameter("F0", (3,), "reflectance at normal incidence, rgb; 1 at grazing i
 @njit(cache=True, nogil=True, error_model="numpy")
 def ggx_diffuse(p, samples, out):
     """p = kd rgb, F0 rgb, alpha."""
-    alpha = p[6]
+    matte, alpha = p[:3] / np.pi, p[6]
     for n in range(samples.shape[0]):
         cos_i, cos_o, sin2_h, cos_d = samples[n]
         lobe = ggx(sin2_h, alpha) * visible_correlated(cos_i, cos_o, alpha)
         grazing = fifth(cos_d)
         for c in range(3):
-            out[n, c] = p[c] / np.pi + lobe * (p[3 + c] + (1 - p[3 + c]) * grazing)
+            out[n, c] = matte[c] + lobe * (p[3 + c] + (1 - p[3 + c]) * grazing)
 
 
 class GgxDiffuse(EngineModel):

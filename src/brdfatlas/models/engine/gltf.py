@@ -19,7 +19,7 @@ DIELECTRIC_F0 = 0.04
 @njit(cache=True, nogil=True, error_model="numpy")
 def gltf(p, samples, out):
     """p = base colour rgb, metallic, roughness."""
-    metallic, alpha = p[3], p[4] * p[4]
+    matte, metallic, alpha = p[:3] / np.pi, p[3], p[4] * p[4]
     for n in range(samples.shape[0]):
         cos_i, cos_o, sin2_h, cos_d = samples[n]
         lobe = ggx(sin2_h, alpha) * visible_correlated(cos_i, cos_o, alpha)
@@ -28,7 +28,7 @@ def gltf(p, samples, out):
         for c in range(3):
             base = p[c]
             metal = lobe * (base + (1 - base) * grazing)
-            plastic = (1 - dielectric) * base / np.pi + dielectric * lobe
+            plastic = (1 - dielectric) * matte[c] + dielectric * lobe
             out[n, c] = plastic + metallic * (metal - plastic)
 
 

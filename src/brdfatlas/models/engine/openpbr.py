@@ -25,6 +25,7 @@ from brdfatlas.models.engine.base import (
     fifth,
     fresnel,
     ggx,
+    inverse,
     microfacet_functions,
     shortest,
     visible_separable,
@@ -145,7 +146,7 @@ def eon_albedo(cosine, roughness):
     """Directional albedo of the white Fujii–Oren–Nayar lobe, their fit (Portsmouth et al. 2025, listing 1)."""
     m = 1 - cosine
     g = m * (0.0571085289 + m * (0.491881867 + m * (-0.332181442 + m * 0.0714429953)))
-    return (1 + roughness * g) / (1 + (0.5 - 2 / (3 * np.pi)) * roughness)
+    return (1 + roughness * g) * inverse(1 + (0.5 - 2 / (3 * np.pi)) * roughness)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -238,6 +239,7 @@ def openpbr(p, samples, out, metal_table, metal_mean, table, table_mean):
         most = ((MAX_IOR - 1) / (MAX_IOR + 1)) ** 2
         mean = mean * (1 - (((eta - 1) / (eta + 1)) ** 2 - most) / (1 - most))
     colours, eon_scale = _colours(p, eta, roughness)
+    per_mean, per_scattered = 1 / (np.pi * mean), 1 / (np.pi * scattered)
     for n in range(samples.shape[0]):
         cos_i, cos_o, sin2_h, cos_d = samples[n]
         lobe = ggx(sin2_h, alpha) * visible_separable(cos_i, cos_o, alpha)
@@ -248,13 +250,12 @@ def openpbr(p, samples, out, metal_table, metal_mean, table, table_mean):
         s = s / max(cos_i, cos_o) if s > 0 else s
         single = eon_scale * (1 + rough * s)
         multiple = (1 - eon_albedo(cos_i, rough)) * (1 - eon_albedo(cos_o, rough))
-        through = _at(row, cos_i) * _at(row, cos_o) / mean / np.pi
+        through = _at(row, cos_i) * _at(row, cos_o) * per_mean
         between = 0 * alpha
         if alpha.real >= MIN_SCATTERING_ALPHA:
-            between = _at(metal_row, cos_i) * _at(metal_row, cos_o) / scattered
-            most = 1 / max(cos_i, cos_o)
+            between = _at(metal_row, cos_i) * _at(metal_row, cos_o) * per_scattered
+            most = 1 / (np.pi * max(cos_i, cos_o))
             between = most + 0 * between if between.real > most else between
-            between = between / np.pi
         kept, gloss = 1 + 0 * coat, 0 * coat
         if coat.real > 0 or coat.imag > 0:
             kept = 1 - coat * (1 - _at(coat_row, cos_o))

@@ -60,8 +60,9 @@ def principled(p, samples, out):
         colours[0, c], colours[1, c] = p[c], tint * at_normal
         colours[2, c] = sheen * (1 - metallic) * (1 + p[8] * (tint - 1))
     matte, plain = (1 - metallic) / np.pi, (1 - metallic) * (1 - spec_tint)
-    schlick = metallic + (1 - metallic) * spec_tint
-    upward = metallic * colours[0] + (1 - metallic) * spec_tint * colours[1]
+    tinted = (1 - metallic) * spec_tint
+    schlick = metallic + tinted
+    upward = metallic * colours[0] + tinted * colours[1]
     for n in range(samples.shape[0]):
         cos_i, cos_o, sin2_h, cos_d = samples[n]
         grazing = fifth(cos_d)
