@@ -1,8 +1,8 @@
 # The whole experiment on one screen.
 #
-#   .binary --> fits (material x model) --> renders (material x model, all scenes) --+
-#      |                 +--> figures (material) --+                                  |
-#      +--> reference renders (material) ----------+--> errors (material) --> page (material) --> index, tables, PDF
+#   .binary --> fits (material x model) --> renders (material x scene: reference and all fits) --> errors (material) --+
+#      |                  +--> figures (material)                                                                       |
+#      +-------------------------------------------------------------> page (material) --> index, standings, PDF <------+
 #
 # `snakemake --cores 2` makes the report of config/config.yaml; --configfile config/full.yaml is the papers' scale.
 from snakemake.utils import min_version

@@ -28,8 +28,8 @@ def test_every_rule_has_its_memory_in_the_slurm_profile():
     profile = yaml.safe_load((WORKFLOW / "profiles" / "slurm" / "config.yaml").read_text())
     stated = {rule: resources for rule, resources in profile["set-resources"].items() if "mem_mb" in resources}
     # Those that depend on the size of pictures, by the rule itself; the profile would override it.
-    by_size = set(re.findall(r"^rule (\w+):(?:\n(?!rule).*)*?\n        mem_mb=memory\(", text, re.MULTILINE))
-    assert by_size == {"prepare_scene", "render_material", "measure_errors", "draw_pictures"}
+    by_size = set(re.findall(r"^rule (\w+):(?:\n(?!rule).*)*?\n        mem_mb=growing\(", text, re.MULTILINE))
+    assert by_size == {"prepare_scene", "render_material", "measure_errors", "draw_pictures", "draw_animation"}
     assert set(stated) == rules - local - by_size - {"redraw_pictures"}
     for rule, resources in stated.items():
         base, _, rest = str(resources["mem_mb"]).partition(" * ")

@@ -4,6 +4,8 @@
 # The entry whose eight starts are shown, if one is in the run.
 EIGHT_STARTS = [name for name in MODELS if ALL_ENTRIES[name].model == "independent_g"][:1]
 
+TURNING_MEGAPIXELS = config["animation"]["size"] ** 2 / 1e6
+
 
 localrules:
     animations,
@@ -36,8 +38,10 @@ rule draw_animation:
     priority: first_material_first
     threads: 2
     resources:
-        mem_mb=2000,
-        runtime=30,
+        mem_mb=growing(1100 + 600 * TURNING_MEGAPIXELS + 16 * TURNING_MEGAPIXELS * config["animation"]["frames"]),
+        runtime=growing(
+            30 + config["animation"]["frames"] * TURNING_MEGAPIXELS * (0.3 + config["animation"]["samples"] / 60)
+        ),
     params:
         planned=lambda wildcards: planned(wildcards) | stamps(scene_files([config["animation"]["scene"]])),
         provenance=provenance("brdfatlas.reports.animation", libraries=(*RENDERING, "pillow")),

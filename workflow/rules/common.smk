@@ -88,10 +88,10 @@ wildcard_constraints:
     scene=r"[A-Za-z0-9][A-Za-z0-9._-]*",
 
 
-def memory(megabytes):
-    """mem_mb of a job that depends on the configuration, with room for the two Snakemakes that Slurm counts with it; as
-    much again after each failure."""
-    return lambda wildcards, attempt: attempt * round(megabytes)
+def growing(amount):
+    """mem_mb or runtime of a job that depends on the configuration, memory with room for the two Snakemakes that Slurm
+    counts with it; as much again after each failure."""
+    return lambda wildcards, attempt: attempt * round(amount)
 
 
 def parameters_of(wildcards):

@@ -36,7 +36,7 @@ rule measure_errors:
         material="|".join(map(re.escape, MATERIALS)),
     priority: first_material_first
     resources:
-        mem_mb=memory(1000 + 6 * BATCHES_MB),
+        mem_mb=growing(1000 + 6 * BATCHES_MB),
         runtime=10,
     params:
         planned=planned,

@@ -13,7 +13,7 @@ rule draw_pictures:
         "results/benchmarks/draw_pictures/{material}.tsv"
     priority: first_material_first
     resources:
-        mem_mb=memory(700 + 6 * BATCHES_MB),
+        mem_mb=growing(700 + 6 * BATCHES_MB),
         runtime=10,
     params:
         provenance=provenance("brdfatlas.figures.pictures", libraries=DRAWING),

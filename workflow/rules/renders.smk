@@ -14,7 +14,7 @@ rule prepare_scene:
         "results/benchmarks/prepare_scene/{scene}.tsv"
     priority: 1000
     resources:
-        mem_mb=memory(1000 + 500 * MEGAPIXELS),
+        mem_mb=growing(1000 + 500 * MEGAPIXELS),
         runtime=10,
     params:
         planned=lambda wildcards: stamps(scene_files([wildcards.scene])),
@@ -44,7 +44,7 @@ rule render_material:
     # Short jobs are mostly imports, which use one core: two at a time. Long ones share the cores.
     threads: 1 if config["render"]["samples"] < 256 else 2
     resources:
-        mem_mb=memory(2700 + 25 * len(MODELS) + 6 * BATCHES_MB),
+        mem_mb=growing(2700 + 25 * len(MODELS) + 6 * BATCHES_MB),
         runtime=30,
     params:
         planned=planned,
