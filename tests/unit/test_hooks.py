@@ -6,6 +6,7 @@ from test_sampling import chi_square, outgoing
 
 from brdfatlas.angles import N_PHI_D, above_horizon, grid_cosines, phi_d_centres, theta_d_centres, theta_h_centres
 from brdfatlas.constants import MAX_ANGLE
+from brdfatlas.figures.curves import SHOWN
 from brdfatlas.fits import Fit
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import Factors, Model
@@ -54,6 +55,8 @@ def test_functions_are_finite_over_rising_angles(name):
         assert np.all(np.diff(angle) > 0)
         assert angle[0] >= 0
         assert angle[-1] <= AXES[function.axis] + 1e-12
+        if function.symbol in SHOWN:
+            assert values.min() >= 0, f"{function.symbol}: pages call it {SHOWN[function.symbol][0]}"
 
 
 def from_factors(factors: Factors) -> np.ndarray:

@@ -332,11 +332,13 @@ def grid_microfacet(m: np.ndarray, g: np.ndarray, rho_d: np.ndarray) -> np.ndarr
     return out
 
 
-def curves(factors: Factors) -> tuple[Function, ...]:
-    """The factors as functions, one D and one F a product; what is 1 everywhere is left out."""
+def curves(factors: Factors, over_h: str = "D", over_d: str = "F") -> tuple[Function, ...]:
+    """The factors as functions, one of theta_h and one of theta_d a product, so named; what is 1 everywhere is left
+    out."""
     found = []
     for d, f in zip(np.moveaxis(factors.d, 1, 0), np.moveaxis(factors.f, 1, 0)):
-        found += [Function("D", "theta_h", theta_h_centres(), d.T), Function("F", "theta_d", theta_d_centres(), f.T)]
+        found.append(Function(over_h, "theta_h", theta_h_centres(), d.T))
+        found.append(Function(over_d, "theta_d", theta_d_centres(), f.T))
     if factors.g is not None:
         found.append(Function("G", "theta", g_nodes(), factors.g.T))
     if factors.h is not None:

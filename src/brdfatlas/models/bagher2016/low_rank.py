@@ -115,7 +115,8 @@ class LowRank(FactorModel):
         return Factors(p["rho_d"], p["u"], p["v"], g=p["g"])
 
     def functions(self, parameters: Parameters) -> tuple[Function, ...]:
-        return curves(self.factors(parameters))
+        """u_k and v_k, which may be negative, and G: neither a distribution nor a Fresnel term."""
+        return curves(self.factors(parameters), "u", "v")
 
     def evaluate(self, parameters: Parameters, wi, wo) -> np.ndarray:
         u, v = (np.asarray(parameters[name], float) for name in ("u", "v"))
