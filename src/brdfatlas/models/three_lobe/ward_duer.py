@@ -5,35 +5,17 @@ rho_s = D / ((n·wo) (n·wi)),  D = exp(-(tan theta_h / alpha)^2) / (4 pi alpha^
 
 import numpy as np
 
-from brdfatlas.models.base import Parameter, Parameters
-from brdfatlas.models.three_lobe.base import KD, KS, Amplitude, LobeModel, Unknown, beckmann_exponential
-from brdfatlas.sampling import Lobe, WardLobe
+from brdfatlas.models.three_lobe.ward import Ward
 
 
-class WardDuer(LobeModel):
-    """Diffuse term plus three Ward–Duer lobes.
-
-    The authors kept alpha <= 0.5; ours may use 0.0003 .. 10.
-    """
+class WardDuer(Ward):
+    """Ward's lobes, differently normalised."""
 
     name = "ward_duer"
     title = "Ward–Duer, 3 lobes"
     equations = "Eqs. 3, 16, 17"
     formula = "rho = kd/pi + ks sum_j D_j / ((n·wo)(n·wi)); D = exp(-(tan theta_h/alpha)^2) / (4 pi alpha^2)"
-    parameters = (KD, KS, Parameter("alpha", (3,), "roughness of each lobe", low=3e-4, high=10.0))
-    unknowns = (Unknown("alpha", 3e-4, 10.0, (0.005, 1.0), logarithmic=True),)
-
-    def amplitudes(self, shape, cos_h, sin_h, cos_d) -> list[Amplitude]:
-        """D."""
-        alpha = shape["alpha"]
-        exponential, exponent = beckmann_exponential(alpha, cos_h, sin_h)
-        D = exponential / (4 * np.pi * alpha**2)
-        return [(D, {"alpha": D * 2 * (exponent - 1) / alpha})]
 
     def direction_factors(self, cos_i, cos_o, cos_h, cos_d) -> list[np.ndarray]:
         """1 / ((n·wo) (n·wi))."""
         return [1 / (cos_o * cos_i)]
-
-    def lobes(self, parameters: Parameters) -> list[Lobe]:
-        """By Ward's procedure, as the supplement does."""
-        return [WardLobe(float(alpha)) for alpha in parameters["alpha"]]
