@@ -41,7 +41,7 @@ def test_the_run_completes_through_slurm(on_slurm):
     project, _ = on_slurm
     assert (project.root / TARGET).stat().st_size > 0
     states = [state for state, _ in slurm_jobs()]
-    assert states.count("COMPLETED") == 6  # stand-in, scenes checked, scene, fit, renders, errors
+    assert states.count("COMPLETED") == 5  # stand-in, scene, fit, renders, errors
     assert "Nothing to be done" in project.snakemake("--", TARGET).stdout
 
 
