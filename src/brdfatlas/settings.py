@@ -1,9 +1,11 @@
 """Settings from YAML, completed and checked against a JSON schema. Every fault is one line: file, key, remedy."""
 
 import json
+import math
 import re
 from collections.abc import Mapping
 from copy import deepcopy
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,8 @@ from brdfatlas.files import check_regular
 CONFIG, SCHEMAS = (Path(__file__).with_name(name) for name in ("config", "schemas"))
 #: Names that become folders, wildcards and addresses: nothing that a shell, a path or a page could misread.
 LONGEST_NAME = 80
+#: Values that a file may hold, with aliases written out; ours have some hundreds.
+MOST_VALUES = 100_000
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\Z")
 
 
@@ -47,6 +51,28 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+def _values(node: yaml.Node | None, known: dict[int, int]) -> int:
+    """How many values a node stands for; aliases multiply, so ten lines can be more than any memory holds."""
+    if not isinstance(node, yaml.CollectionNode):
+        return 1
+    if id(node) not in known:
+        known[id(node)] = MOST_VALUES  # a node inside itself
+        parts = chain.from_iterable(node.value) if isinstance(node, yaml.MappingNode) else node.value
+        known[id(node)] = 1 + sum(_values(part, known) for part in parts)
+    return known[id(node)]
+
+
+def _parse(text: str) -> Any:
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        if _values(node, {}) > MOST_VALUES:
+            raise ValueError(f"more than {MOST_VALUES:,} values, its aliases written out; write fewer")
+        return loader.construct_document(node) if node else None
+    finally:
+        loader.dispose()
+
+
 def read_yaml(path: str | Path) -> Any:
     """Parse a YAML file. ConfigError names the file and the line of a syntax error, and of a key that is no text or
     stands twice."""
@@ -55,7 +81,7 @@ def read_yaml(path: str | Path) -> Any:
     if not Path(path).is_file():
         raise ConfigError(f"{path}: not a regular file")
     try:
-        return yaml.load(check_regular(path).read_text(encoding="utf-8"), _Loader)
+        return _parse(check_regular(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
@@ -82,9 +108,16 @@ def complete(value: Any, schema: Mapping[str, Any]) -> Any:
     return value
 
 
-#: An integer is written as one: 1.0e+30 is none.
-_TYPES = jsonschema.Draft202012Validator.TYPE_CHECKER.redefine(
-    "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
+def _is_integer(_, value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+#: An integer is written as one: 1.0e+30 is none. A number is finite: .nan would pass every range.
+_TYPES = jsonschema.Draft202012Validator.TYPE_CHECKER.redefine_many(
+    {
+        "integer": _is_integer,
+        "number": lambda _, value: _is_integer(_, value) or (isinstance(value, float) and math.isfinite(value)),
+    }
 )
 _Validator = jsonschema.validators.extend(jsonschema.Draft202012Validator, type_checker=_TYPES)
 

@@ -1,6 +1,8 @@
 """Configuration: defaults, and one clear line with file, key and remedy for every fault."""
 
 import os
+import re
+from copy import deepcopy
 from pathlib import Path
 
 import pytest
@@ -103,6 +105,8 @@ def test_yaml_faults_name_file_and_line(tmp_path):
         ("1: 2\n", "line 1: .*'1' is no text"),
         ("[a]: 2\n", "line 1: .*is no text"),
         ("seed: 99999-99-99999\ndate: 2026-99-99\n", "not usable YAML"),
+        ("a0: &a0 [1, 1]\n" + "".join(f"a{k + 1}: &a{k + 1} [*a{k}, *a{k}]\n" for k in range(40)), "write fewer"),
+        ("a: &a {b: *a}\n", "write fewer"),
     ],
 )
 def test_keys_of_yaml_are_text_and_stand_once(tmp_path, text, words):
@@ -110,6 +114,37 @@ def test_keys_of_yaml_are_text_and_stand_once(tmp_path, text, words):
     with pytest.raises(ConfigError, match=rf"bad\.yaml: .*{words}|bad\.yaml: {words}") as caught:
         read_yaml(tmp_path / "bad.yaml")
     assert "\n" not in str(caught.value)
+
+
+def numbers(value, key=()):
+    """The keys of all numbers in a value."""
+    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    if isinstance(value, (int, float)):
+        yield key
+    for name, part in parts:
+        yield from numbers(part, (*key, name))
+
+
+@pytest.mark.parametrize("wrong", [float("nan"), float("inf"), -float("inf")])
+def test_numbers_of_a_scene_are_finite(wrong):
+    schema = read_yaml("workflow/schemas/scenes.schema.yaml")
+    scene = {
+        "geometry": [{"shape": "statue", "position": [0, 0, 0], "size": 1, "turn": 0}],
+        "environment": {"kind": "studio"},
+        "camera": {"origin": [0, 0, 5], "target": [0, 0, 0]},
+    }
+    whole = check({"mine": scene}, schema, "scenes.yaml")
+    keys = list(numbers(whole))
+    assert len(keys) > 15
+    for key in keys:
+        broken = deepcopy(whole)
+        *path, last = key
+        part = broken
+        for name in path:
+            part = part[name]
+        part[last] = wrong
+        with pytest.raises(ConfigError, match=r"^scenes\.yaml: " + re.escape(".".join(map(str, key)))):
+            check(broken, schema, "scenes.yaml")
 
 
 def test_what_is_no_text_file_is_named(tmp_path):
