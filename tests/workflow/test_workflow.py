@@ -34,6 +34,20 @@ def test_dry_run_plans_a_fit_per_material_and_model_and_all_renders_of_a_scene_a
     assert planned["render_material"] == 2
 
 
+def test_the_main_process_looks_for_work_when_a_job_ends_and_at_no_other_time(project):
+    """Snakemake's limit of jobs a second would let it look once a second more with every job that has ended."""
+    said = project.snakemake("--verbose", "--until", "fit_model").stdout
+    ended = said.count("Finished jobid")
+    assert ended == 6
+    assert said.count("Ready jobs: ") <= ended + 2
+
+
+def test_no_job_of_a_report_waits_for_two_cores_to_be_free(project):
+    """One core becomes free at a time: jobs of one core, of later materials too, would always come first."""
+    rules = "\n".join(path.read_text() for path in (project.root / "workflow" / "rules").glob("*.smk"))
+    assert re.findall(r"^rule (\w+):(?:\n(?!rule).*)*?\n    threads:", rules, re.MULTILINE) == ["draw_animation"]
+
+
 def test_bad_configuration_stops_before_any_work(project):
     project.configure(render={"sizes": 3})
     done = project.snakemake(check=False)

@@ -82,6 +82,13 @@ MEGAPIXELS = config["render"]["size"] ** 2 / 1e6
 BATCHES_MB = 12 * config["render"]["batches"] * MEGAPIXELS
 
 
+onstart:
+    # Snakemake's limit of jobs a second (9.27) adds a timer with every job that ends, and each asks every second which
+    # jobs are ready: after some hundred jobs the main process needs a core for it. A local run needs no limit.
+    if workflow.local_exec:
+        workflow.scheduler.job_rate_limiter = None
+
+
 wildcard_constraints:
     material=r"[A-Za-z0-9][A-Za-z0-9._-]*",
     model=r"[A-Za-z0-9][A-Za-z0-9._-]*",

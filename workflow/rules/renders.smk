@@ -41,8 +41,6 @@ rule render_material:
     benchmark:
         "results/benchmarks/render_material/{material}/{scene}.tsv"
     priority: first_material_first
-    # Short jobs are mostly imports, which use one core: two at a time. Long ones share the cores.
-    threads: 1 if config["render"]["samples"] < 256 else 2
     resources:
         mem_mb=growing(2700 + 25 * len(MODELS) + 6 * BATCHES_MB),
         runtime=30,
