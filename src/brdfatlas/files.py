@@ -5,13 +5,14 @@ import hashlib
 import json
 import math
 import os
+import re
 import stat
 import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -27,18 +28,20 @@ ENDINGS = {
     "JSON": (".json",),
     "XML": (".xml",),
     "MaterialX": (".mtlx",),
-    "glTF": (".gltf", ".glb"),
+    "glTF": (".gltf",),
 }
-_OTHER_ENDINGS = (".astm", ".bsdf", ".csv", ".hdr", ".html", ".jpeg", ".jpg", ".md", ".npy", ".obj", ".pdf", ".pfm")
-_OTHER_ENDINGS += (".ply", ".py", ".rgbe", ".toml", ".tsv", ".txt", ".webp", ".yaml", ".yml", ".zip")
-#: First bytes of what we write in a format; text has none.
-_MAGIC = {
-    ".npz": b"PK\x03\x04",
-    ".exr": b"v/1\x01",
-    ".png": b"\x89PNG",
-    ".binary": np.array([90, 90, 180], "<i4").tobytes(),
+_OTHER_ENDINGS = (".astm", ".bsdf", ".csv", ".glb", ".hdr", ".html", ".jpeg", ".jpg", ".md", ".npy", ".obj", ".pdf")
+_OTHER_ENDINGS += (".pfm", ".ply", ".py", ".rgbe", ".toml", ".tsv", ".txt", ".webp", ".yaml", ".yml", ".zip")
+_COMMENTS = rb"(\s*<!--((?!-->).)*-->)*?\s*<!-- written by: brdfatlas "
+#: How a file begins that we wrote, by its ending.
+_MARKS = {
+    ".exr": rb"v/1\x01.*?brdfatlas:\w+\0string\0",
+    ".png": rb"\x89PNG.*?tEXtSoftware\0brdfatlas",
+    ".json": rb'\{\s*"format": "brdfatlas[ -](fit|sampler|recommendation)\b',
+    ".xml": rb'<scene version="3\.0\.0">' + _COMMENTS,
+    ".mtlx": rb'<\?xml version="1\.0"\?>\s*<materialx [^<>]*>' + _COMMENTS,
+    ".gltf": rb'\{\s*"asset": \{\s*"version": "2\.0",\s*"generator": "brdfatlas ',
 }
-
 
 #: What the hidden name of an unfinished file begins with, so that what a killed job leaves can be told from all else.
 UNFINISHED = ".brdfatlas."
@@ -108,7 +111,7 @@ def check_output(
     known = {ending for endings in ENDINGS.values() for ending in endings}.union(_OTHER_ENDINGS)
     if ending in known and ending not in ENDINGS[kind]:
         raise FileFault(f"{name}: a {kind} is written, which ends in {' or '.join(ENDINGS[kind])}; name such an output")
-    if target.exists() and not force and not _ours(target, kind):
+    if target.exists() and not force and not ours(target, kind):
         raise FileFault(f"{name}: exists and is no {kind} of brdfatlas; name another output, or replace it by --force")
     folder = next(parent for parent in target.parents if parent.exists())
     if not folder.is_dir():
@@ -122,24 +125,35 @@ def _same(item: str | os.PathLike, target: Path) -> bool:
     return os.path.exists(item) and target.exists() and os.path.samefile(item, target)
 
 
-def _ours(path: Path, kind: str) -> bool:
+def ours(path: str | os.PathLike, kind: str) -> bool:
     """Whether ``path`` is a ``kind`` that this package wrote, or empty: such a file may be replaced.
 
-    A MERL table is ours only where it is marked as a stand-in: any other may be a measurement.
+    Told by marks that we alone write. A MERL table is ours only where it is marked as a stand-in or reconstructed: any
+    other may be a measurement.
     """
     with open(path, "rb") as handle:
         head = handle.read(4096)
         if not head:
             return True
-        ending = next((ending for ending, magic in _MAGIC.items() if head.startswith(magic)), None)
-        if ending == ".npz":
-            return kind == "fit" and head[30:].startswith(b"model.npy")
-        if ending == ".binary":
+        if kind == "fit":
+            return _is_fit(handle)
+        if kind == "MERL table" and head.startswith(np.array([90, 90, 180], "<i4").tobytes()):
             handle.seek(-8, os.SEEK_END)
-            return kind == "MERL table" and handle.read() == np.array(-5.0, "<f8").tobytes()
-        if ending is not None:
-            return ending in ENDINGS[kind] and b"brdfatlas" in head
-        return not set(ENDINGS[kind]) & set(_MAGIC) and b"brdfatlas" in head
+            return float(np.frombuffer(handle.read(), "<f8")[0]) in (-5.0, -6.0)
+    return any(re.match(_MARKS[ending], head, re.DOTALL) for ending in ENDINGS[kind] if ending in _MARKS)
+
+
+def _is_fit(handle: BinaryIO) -> bool:
+    """Whether an npz file has the members of a fit and no other, its model a text."""
+    try:
+        with zipfile.ZipFile(handle) as archive:
+            names = {name.removesuffix(".npy") for name in archive.namelist()}
+            labels = {name for name in names if not name.startswith(("option/", "parameter/"))}
+            model = archive.getinfo("model.npy")
+            stated = {"model", "material", "standin"} <= labels <= {"model", "material", "standin", "entry", "source"}
+            return stated and model.file_size < 4096 and _read_member(archive, model).dtype.kind == "U"
+    except Exception:  # zipfile and zlib raise a dozen kinds for damaged files
+        return False
 
 
 def _disk_fault(error: OSError | RuntimeError) -> int:

@@ -1,5 +1,6 @@
 """An output never destroys an input, a file of another kind, or what is no file."""
 
+import io
 import os
 import socket
 
@@ -82,7 +83,7 @@ def test_an_output_that_is_an_input_is_refused_also_by_force(refused, linked, co
     refused([*arguments, "--force"], os.path.basename(output), "is an input", "name another output")
 
 
-ENDINGS = (".npz", ".binary", ".exr", ".png", ".json", ".py", ".yaml", ".csv", ".hdr", ".txt")
+ENDINGS = (".npz", ".binary", ".exr", ".png", ".json", ".py", ".yaml", ".csv", ".hdr", ".txt", ".glb")
 
 
 WRONG = [
@@ -98,12 +99,26 @@ def test_the_ending_fits_what_is_written(refused, linked, command, ending):
     refused(command_line(command, f"out{ending}", linked), f"out{ending}", "name such an output")
 
 
+def archive(*members):
+    """The bytes of an npz file whose members are texts."""
+    stream = io.BytesIO()
+    np.savez(stream, **dict.fromkeys(members, np.array("resnet")))
+    return stream.getvalue()
+
+
 FOREIGN = {
     "text": b"my notes\n",
     "a measurement": "measured.binary",
     "a picture": b"v/1\x01" + b"channels\0" * 40,
     "an archive": b"PK\x03\x04" + b"\0" * 26 + b"thesis.docx",
     "JSON": b'{"name": "my package"}\n',
+    "JSON that needs us": b'{"name": "mine", "dependencies": {"brdfatlas": "0.2.0"}}\n',
+    "a report of a run": b'{\n "status": "ok",\n "entry": "ggx",\n "model": "brdfatlas-ggx"\n}\n',
+    "a scene with us": b'<scene version="3.0.0"><bsdf type="brdfatlas"/><!-- written by: brdfatlas 1 --></scene>',
+    "a network": archive("model", "weights"),
+    "a network with much more": archive("model", "material", "standin", "weights"),
+    "a picture about us": b"v/1\x01comments\0string\0\x12\0\0\0made with brdfatlas",
+    "a PNG about us": b"\x89PNG\r\n\x1a\n" + b"tEXtComment\0brdfatlas",
     "a program": b"#!/bin/sh\nexit\n",
     "a PNG": b"\x89PNG\r\n\x1a\n" + b"\0" * 40,
 }
@@ -133,6 +148,20 @@ def test_force_replaces_and_what_is_ours_needs_none(linked, tmp_path, monkeypatc
         assert len(written) > 100
         assert main(line) == 0, "a file of ours"
         assert output.read_bytes() == written
+
+
+@pytest.mark.parametrize(("target", "ending"), [("mitsuba", ".xml"), ("materialx", ".mtlx"), ("gltf", ".gltf")])
+def test_a_material_is_known_by_its_own_mark(refused, linked, target, ending):
+    linked("lambert.npz")
+    export = ["export", "lambert.npz", "--to", target, "-o", f"out{ending}"]
+    for _ in range(2):
+        assert main(export) == 0
+    output = refused.folder / f"out{ending}"
+    written = output.read_bytes()
+    inside = written[: written.index(b">" if b"<" in written else b"{") + 1]
+    output.write_bytes(inside + b"<mine/>" + written[len(inside) :])
+    refused(export, output.name, "--force")
+    refused([*export[:-1], "out.glb"], "out.glb", "name such an output")
 
 
 def test_a_failed_fits_empty_mark_may_be_replaced(tmp_path, inputs):
