@@ -86,7 +86,7 @@ def _target(path: str | os.PathLike) -> Path:
     target = Path(os.path.realpath(path))
     if target.is_symlink():
         raise FileFault(f"{shown(path)}: a link to itself; name another output")
-    if target.exists() and not target.is_file():
+    if os.path.exists(path) and not target.is_file():  # /dev/stdout may be a pipe, which has no path
         what = "a folder" if target.is_dir() else "not a regular file"
         raise FileFault(f"{shown(path)}: {what}, nothing is written there; name another output")
     return target
@@ -156,13 +156,16 @@ def _is_fit(handle: BinaryIO) -> bool:
         return False
 
 
-def _disk_fault(error: OSError | RuntimeError) -> int:
-    """The number of a fault of the disk, 0 for any other. OpenEXR and NumPy state it in words, and nobody the file."""
+def _disk_fault(error: OSError | RuntimeError) -> tuple[int, str] | None:
+    """Number and words of a fault of the disk, None for any other. OpenEXR and NumPy state it in words, and nobody the
+    file."""
     if getattr(error, "errno", None) in _DISK_FAULTS:
-        return error.errno  # type: ignore[union-attr,return-value]
+        return error.errno, os.strerror(error.errno)  # type: ignore[union-attr,arg-type,return-value]
+    if re.search(r"\d+ requested and \d+ written", str(error)):  # NumPy asks for no reason
+        return errno.EIO, "cannot be written in full, the disk or a limit on sizes is reached"
     if "Not enough free space" in str(error):
-        return errno.ENOSPC
-    return next((number for number in _DISK_FAULTS if os.strerror(number) in str(error)), 0)
+        return errno.ENOSPC, os.strerror(errno.ENOSPC)
+    return next(((n, os.strerror(n)) for n in _DISK_FAULTS if os.strerror(n) in str(error)), None)
 
 
 @contextmanager
@@ -174,7 +177,10 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
     """
     path = _target(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f"{UNFINISHED}{path.name[:40]}.", suffix=path.suffix, dir=path.parent)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f"{UNFINISHED}{path.name[:40]}.", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from None
     os.close(handle)
     temporary = Path(name)
     try:
@@ -184,9 +190,9 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
         temporary.chmod(0o666 & ~umask)
         os.replace(temporary, path)
     except (OSError, RuntimeError) as error:
-        number = _disk_fault(error)
-        if number:
-            raise OSError(number, os.strerror(number), os.fspath(path)) from None
+        fault = _disk_fault(error)
+        if fault:
+            raise OSError(*fault, os.fspath(path)) from None
         raise
     finally:
         temporary.unlink(missing_ok=True)

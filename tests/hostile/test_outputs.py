@@ -191,6 +191,12 @@ def a_link_to_a_fifo(path):
     path.symlink_to("fifo")
 
 
+def a_pipe(path):
+    """As /dev/stdout is in `brdfatlas ... | cat`; the caller's end of it closes with the process."""
+    read, _ = os.pipe()
+    path.symlink_to(f"/proc/self/fd/{read}")
+
+
 def a_device(path):
     try:
         os.mknod(path, 0o20666, os.makedev(1, 3))
@@ -198,7 +204,7 @@ def a_device(path):
         pytest.skip("only root makes devices")
 
 
-SPECIAL = (a_fifo, a_folder, a_socket, a_link_to_itself, a_link_to_a_fifo, a_device)
+SPECIAL = (a_fifo, a_folder, a_socket, a_link_to_itself, a_link_to_a_fifo, a_pipe, a_device)
 
 
 @pytest.mark.parametrize("make", SPECIAL)
@@ -303,6 +309,7 @@ DISK_FAULTS = [
     OSError(28, "No space left on device"),
     OSError(122, "Disk quota exceeded"),
     OSError("Not enough free space to write 34992000 bytes after offset 12"),
+    OSError("4374000 requested and 1022 written"),
     RuntimeError('Failed to write pixel data to image file "/x/.a.exr". No space left on device.'),
 ]
 
@@ -316,6 +323,16 @@ def test_a_full_disk_is_one_line_that_names_the_file(refused, linked, monkeypatc
 
     monkeypatch.setattr("brdfatlas.files.np.lib.format.write_array", full)
     refused(["fit", "lambert", "measured.binary", "-o", "out.npz"], "out.npz: ")
+
+
+def test_a_folder_that_takes_no_file_is_told_by_the_name_that_was_asked_for(tmp_path, monkeypatch):
+    def refuse(*args, **options):
+        raise PermissionError(13, "Permission denied", str(tmp_path / ".brdfatlas.a.txt.x"))
+
+    monkeypatch.setattr("brdfatlas.files.tempfile.mkstemp", refuse)
+    with pytest.raises(PermissionError) as told:
+        files.write_text(tmp_path / "a.txt", "new")
+    assert told.value.filename == str(tmp_path / "a.txt")
 
 
 def test_other_faults_of_a_writer_stay_what_they_are(tmp_path):
