@@ -318,17 +318,20 @@ def check_beside(fitted: Fit, beside: Path) -> None:
 
 def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
     """Fit every model, render small, rank by dE00; with -o write the best fit with its exports and a picture."""
-    from brdfatlas.recommend import recommend
+    from brdfatlas.recommend import check_folder, recommend
 
-    if args.folder:
+    models = list(MODELS) if args.models is None else args.models.split(",")
+    if args.folder is not None:
         check_folder(args.folder)
+    measured = read(args.file)
+    if args.folder is not None:
+        check_folder(args.folder, measured.name, models)
 
     def progress(line: str) -> None:
         print(shown(line), file=sys.stderr, flush=True)
 
-    models = args.models.split(",") if args.models else None
     found = recommend(
-        args.file, budget=args.budget, target=args.target, models=models, seed=args.seed, progress=progress
+        measured, budget=args.budget, target=args.target, models=models, seed=args.seed, progress=progress
     )
     if not args.json:
         say(*found.table().splitlines())
@@ -343,16 +346,6 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
         say(f"take {found.winner.model}" + (f": {', '.join(map(str, files))}" if files else "; -o FOLDER writes it"))
     rows = [dataclasses.asdict(row) for row in found.rows]
     return {"material": found.material, "winner": found.winner.model, "models": rows, "files": files}
-
-
-def check_folder(folder: str) -> None:
-    """Refuse, before any work, a folder that cannot be written to or holds files of somebody else."""
-    where = Path(folder).absolute()
-    parent = next(path for path in (where, *where.parents) if path.exists())
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise FileFault(f"{shown(folder)}: {shown(parent)} is no folder that can be written to; name another")
-    if parent == where and any(where.iterdir()) and not (where / "recommendation.json").exists():
-        raise FileFault(f"{shown(folder)}: holds files that are not of an earlier recommendation; name a new folder")
 
 
 def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brdfatlas.constants import REFERENCE
-from brdfatlas.files import atomic_path, write_json
+from brdfatlas.files import FileFault, atomic_path, check_output, ours, shown, write_json
 from brdfatlas.fits import Fit, fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 #: Targets that ``target`` may name: materials that hold a model exactly.
 TARGETS = ("mitsuba", "materialx", "gltf")
 SCENE = "studio_sphere"
+#: Ending of a file of a recommendation -> its kind (files.ENDINGS).
+KINDS = {".npz": "fit", ".xml": "XML", ".mtlx": "MaterialX", ".gltf": "glTF", ".json": "JSON", ".png": "picture"}
+PICTURE, TABLE = "side-by-side.png", "recommendation.json"
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class Recommendation:
         # A full disk or an interrupt leaves the folder as it was, not with half of the files.
         with tempfile.TemporaryDirectory(prefix=".recommend.", dir=folder.parent) as staged:
             files = self._write(Path(staged))
+            for path in files:
+                check_output(folder / path.name, KINDS[path.suffix], force=True)
             folder.mkdir(exist_ok=True)
             for path in files:
                 os.replace(path, folder / path.name)
@@ -99,7 +104,7 @@ class Recommendation:
 
         assert self.winner is not None
         chosen = self.fits[self.winner.model]
-        stem = folder / f"{self.material}-{self.winner.model}"
+        stem = folder / _stem(self.material, self.winner.model)
         more = {"dE00 after rendering": f"{self.winner.de00:.3f} (scene {SCENE})"}
         fit_file = Path(f"{stem}.npz")
         chosen.save(fit_file)
@@ -109,15 +114,16 @@ class Recommendation:
                 files += [
                     path for path in export(chosen, target, f"{stem}{ENDINGS[target]}", more) if path not in files
                 ]
-        files += [folder / "side-by-side.png", folder / "recommendation.json"]
+        files += [folder / PICTURE, folder / TABLE]
         self.picture(files[-2])
         rows = [asdict(row) for row in self.rows]
-        write_json(files[-1], {"material": self.material, "winner": self.winner.model, "models": rows})
+        told = {"format": "brdfatlas recommendation 1", "material": self.material, "winner": self.winner.model}
+        write_json(files[-1], told | {"models": rows})
         return files
 
     def picture(self, path: str | os.PathLike, height: int = 384) -> None:
         """The material (left) and the winner's fit (right) under one light, as PNG."""
-        from PIL import Image, ImageDraw
+        from PIL import Image, ImageDraw, PngImagePlugin
 
         from brdfatlas.rendering.images import tone_map
 
@@ -131,8 +137,34 @@ class Recommendation:
                 Image.fromarray(shown).resize((height, height), Image.Resampling.BICUBIC), (column * height, 0)
             )
             draw.text((column * height + 6, height + 6), words, fill="black")
+        notes = PngImagePlugin.PngInfo()
+        notes.add_text("Software", "brdfatlas")
         with atomic_path(path) as temporary:
-            canvas.save(temporary)
+            canvas.save(temporary, "PNG", pnginfo=notes)
+
+
+def _stem(material: str, model: str) -> str:
+    """How the files of a fit begin, whatever its material is called: no path, nothing that is not printable."""
+    plain = "".join(c if c.isprintable() and c not in "/\\" else "_" for c in f"{material}-{model}")
+    return plain.encode()[:200].decode(errors="ignore")
+
+
+def check_folder(folder: str | os.PathLike, material: str = "", models: Iterable[str] = ()) -> None:
+    """Refuse, before any work, a folder in which :meth:`Recommendation.save` could not write, or whose files it would
+    replace that are not of an earlier recommendation. FileFault, one line."""
+    from brdfatlas.export.targets import ENDINGS
+
+    where = Path(folder).absolute()
+    parent = next(path for path in (where, *where.parents) if path.exists())
+    if not os.fspath(folder) or not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise FileFault(f"{shown(folder) or repr('')}: no folder that can be written to; name another")
+    if parent == where and any(where.iterdir()) and not (where / TABLE).exists():
+        raise FileFault(f"{shown(folder)}: holds files that are not of an earlier recommendation; name a new folder")
+    endings = [".npz", *(ending for target, ending in ENDINGS.items() if target != "merl")]
+    for name in [PICTURE, TABLE, *(_stem(material, model) + ending for model in models for ending in endings)]:
+        path = where / name
+        if os.path.lexists(path) and (path.is_symlink() or not path.is_file() or not ours(path, KINDS[path.suffix])):
+            raise FileFault(f"{shown(Path(folder) / name)}: is not of an earlier recommendation; name a new folder")
 
 
 def recommend(
@@ -160,7 +192,7 @@ def recommend(
         raise ValueError(f"unknown target {target!r}; known targets: {', '.join(TARGETS)}")
     tell = progress or (lambda line: None)
     measured = measured if isinstance(measured, Measured) else read(measured)
-    entries = [MODELS.entry(name) for name in (models if models is not None else MODELS)]
+    entries = [MODELS.entry(name) for name in dict.fromkeys(models if models is not None else MODELS)]
     if target is not None:
         entries = [entry for entry in entries if target in entry.instance.targets]
     fits: dict[str, Fit] = {}

@@ -365,3 +365,51 @@ def test_a_recommendation_is_saved_whole_or_not_at_all(inputs, tmp_path, monkeyp
     files_written = found.save(folder)
     assert {path.parent for path in files_written} == {folder}
     assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in files_written)
+
+
+RECOMMENDED = b'{\n "format": "brdfatlas recommendation 1",\n "material": "measured"\n}\n'
+
+
+def a_text(path):
+    path.write_bytes(b"mine\n")
+
+
+def a_link_to_ours(path):
+    """It would become a file."""
+    path.with_name("elsewhere").touch()
+    path.symlink_to("elsewhere")
+
+
+@pytest.mark.parametrize("make", [a_text, a_folder, a_fifo, a_link_to_itself, a_link_to_ours])
+@pytest.mark.parametrize(
+    "name", ["side-by-side.png", "recommendation.json", "measured-lambert.npz", "measured-lambert.sampler.json"]
+)
+def test_a_recommendation_replaces_only_files_of_an_earlier_one(refused, linked, name, make):
+    linked("measured.binary")
+    (refused.folder / "out").mkdir()
+    (refused.folder / "out" / "recommendation.json").write_bytes(RECOMMENDED)
+    (refused.folder / "out" / name).unlink(missing_ok=True)
+    make(refused.folder / "out" / name)
+    line = ["recommend", "measured.binary", "--models", "lambert", "-o", "out"]
+    refused(line, "out", "earlier recommendation", "name a new folder")
+
+
+def test_a_recommendation_does_not_replace_its_input(refused, linked):
+    (refused.folder / "out").mkdir()
+    linked("measured.binary").rename("out/recommendation.json")
+    line = ["recommend", "out/recommendation.json", "--models", "lambert", "-o", "out"]
+    refused(line, "out/recommendation.json", "name a new folder")
+
+
+def test_a_recommendation_may_replace_an_earlier_one(linked, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    linked("measured.binary")
+    for _ in range(2):
+        assert main(["recommend", "measured.binary", "--models", "lambert", "-o", "out"]) == 0
+    assert (tmp_path / "out" / "measured-lambert.npz").is_file()
+
+
+@pytest.mark.parametrize("folder", ["", "measured.binary", "measured.binary/sub"])
+def test_a_folder_that_cannot_be(refused, linked, folder):
+    linked("measured.binary")
+    refused(["recommend", "measured.binary", "--models", "lambert", "-o", folder], "name another")

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ from test_engine_models import drawn, synthetic
 import brdfatlas
 from brdfatlas.cli import main
 from brdfatlas.export.gltf import read_gltf_material
+from brdfatlas.files import FileFault
 from brdfatlas.fits import load_fit
 from brdfatlas.models import MODELS
 from brdfatlas.recommend import Recommendation, Row
@@ -67,6 +69,28 @@ def test_everything_of_the_winner_is_written(found, tmp_path):
     told = json.loads((tmp_path / "recommendation.json").read_text())
     assert told["winner"] == "gltf"
     assert [row["model"] for row in told["models"]] == [row.model for row in found.rows]
+
+
+@pytest.mark.parametrize("name", ["{out}/v", "../../v", "a/b\\c", "v\0\n\x1b", "ü" * 255])
+def test_no_name_of_a_material_leads_out_of_the_folder(found, tmp_path, monkeypatch, name):
+    monkeypatch.setattr(Recommendation, "picture", lambda self, path: path.write_text("picture"))
+    out = tmp_path / "out"
+    files = replace(found, material=name.format(out=tmp_path)).save(out / "sub")
+    assert {path.parent for path in files} == {out / "sub"}
+    assert [path.name for path in out.iterdir()] == ["sub"]
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_folder_at_an_output_stops_all_of_them(found, tmp_path):
+    (tmp_path / "side-by-side.png").mkdir()
+    with pytest.raises(FileFault, match=r"side-by-side.png: a folder"):
+        found.save(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["side-by-side.png"]
+
+
+def test_a_model_named_twice_is_tried_once(material):
+    twice = brdfatlas.recommend(material, models=["lambert", "lambert"], **SMALL)
+    assert [row.model for row in twice.rows] == ["lambert"]
 
 
 def test_a_model_that_fails_is_a_row_that_says_why(material, monkeypatch):
