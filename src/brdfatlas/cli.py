@@ -25,7 +25,7 @@ from brdfatlas.formats.merl import write_merl
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, MeasuredError, fold
 from brdfatlas.models import MODELS
-from brdfatlas.models.base import FitError
+from brdfatlas.models.base import FitError, Model
 
 if TYPE_CHECKING:
     from brdfatlas.rendering.images import Render
@@ -321,6 +321,8 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
     from brdfatlas.recommend import check_folder, recommend
 
     models = list(MODELS) if args.models is None else args.models.split(",")
+    if not any(meets(args, MODELS[name], surely=False) for name in models):
+        raise ValueError(no_winner(args, models))
     if args.folder is not None:
         check_folder(args.folder)
     measured = read(args.file)
@@ -336,9 +338,7 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         say(*found.table().splitlines())
     if found.winner is None:
-        limits = [f"at most {args.budget:,} bytes"] * (args.budget is not None)
-        limits += [f"exact in {args.target}"] * (args.target is not None)
-        raise ValueError(f"{args.file}: no model is {' and '.join(limits) or 'fitted'}; ask for less")
+        raise ValueError(no_winner(args, models))
     files = found.save(args.folder) if args.folder else []
     if not args.json:
         if found.winner.de00 > POOR_DE00:
@@ -346,6 +346,26 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
         say(f"take {found.winner.model}" + (f": {', '.join(map(str, files))}" if files else "; -o FOLDER writes it"))
     rows = [dataclasses.asdict(row) for row in found.rows]
     return {"material": found.material, "winner": found.winner.model, "models": rows, "files": files}
+
+
+def meets(args: argparse.Namespace, model: Model, *, surely: bool = True) -> bool:
+    """Whether a model meets the conditions of `recommend`; one of variable size may be smaller than it states."""
+    small = args.budget is None or model.bytes <= args.budget or (model.variable_size and not surely)
+    return small and (args.target is None or args.target in model.targets)
+
+
+def no_winner(args: argparse.Namespace, models: Sequence[str]) -> str:
+    """What to say where none of ``models`` meets the conditions of `recommend`."""
+    limits = [] if args.target is None else [f"exact in {args.target}"]
+    limits += [] if args.budget is None else [f"fitted in at most {args.budget:,} bytes"]
+    others = []
+    for name in MODELS:
+        with contextlib.suppress(ImportError):  # another package's model
+            others += [name] if name not in models and meets(args, MODELS[name]) else []
+    remedy = f"models that are: {', '.join(others)}" if others else "ask for less"
+    if not limits:
+        return f"{args.file}: none of these models is fitted; the lines above say why"
+    return f"{args.file}: none of these models is {' and '.join(limits)}; {remedy}"
 
 
 def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:

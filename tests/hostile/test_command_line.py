@@ -144,6 +144,22 @@ def test_image_errors_of_another_size_or_of_nothing(refused, linked):
     refused(["image-errors", "picture.exr", "nan.exr"], "nan.exr", "NaN")
 
 
+NO_WINNER = [
+    (["--models", "ggx", "--for", "gltf"], "exact in gltf", "lambert"),
+    (["--models", "ggx", "--budget", "100"], "at most 100 bytes", "lambert"),
+    (["--models", "lambert,ggx", "--budget", "1"], "at most 1 bytes", "ask for less"),
+    (["--models", "principled", "--for", "gltf", "--budget", "20"], "gltf and fitted in at most 20 bytes", "lambert"),
+    (["--models", ""], "unknown model ''", "lambert"),
+    (["--models", "lambert,"], "unknown model ''", "lambert"),
+]
+
+
+@pytest.mark.parametrize(("conditions", "fault", "remedy"), NO_WINNER)
+def test_conditions_that_no_model_meets(refused, linked, conditions, fault, remedy):
+    linked("measured.binary")
+    refused(["recommend", "measured.binary", *conditions], fault, remedy)
+
+
 ENDS = [(KeyboardInterrupt, 130, "interrupted"), (MemoryError, 1, "memory")]
 
 
