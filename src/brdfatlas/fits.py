@@ -223,8 +223,20 @@ def check_fit(fitted: Fit, path: str | os.PathLike, *, trusted: bool = False) ->
     if fault:
         raise ValueError(f"{name}: damaged, or of another version of {model.name}: {fault}; fit again")
     for label in (fitted.material, fitted.entry):
-        if not 0 < len(label) < 256 or not label.isprintable():
+        if not _is_name(label):
             raise ValueError(f"{name}: damaged, {label[:80]!r} is no name; fit again")
+
+
+def _is_name(label: Any) -> bool:
+    return isinstance(label, str) and 0 < len(label) < 256 and label.isprintable()
+
+
+def check_material(measured: Measured) -> None:
+    """ValueError for a material whose name would make its fit unreadable."""
+    if not _is_name(measured.name):
+        where = f"{shown(measured.path)}: " if measured.path else ""
+        rule = "a material's name has 1 to 255 printable characters; rename the file, or give Measured another name"
+        raise ValueError(f"{where}{str(measured.name)[:80]!r}: {rule}")
 
 
 def fault_of(model: Model, parameters: Mapping[str, np.ndarray], options: Mapping[str, Any]) -> str:
@@ -271,9 +283,9 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     An entry with given parameters is not fitted: its row holds those of the material (:mod:`.models.given`). The model
     gets a read-only table. ``report["seconds"]`` leaves out what the first fit of an installation spends on compiling.
 
-    Raises KeyError for an unknown model, ValueError for an unknown option, FitError where the model has no finite fit
-    for this material, or where the code of a model from outside fails, ParameterFileError where its parameters are to
-    be given and are not.
+    Raises KeyError for an unknown model, ValueError for an unknown option or a material without a name, FitError where
+    the model has no finite fit for this material, or where the code of a model from outside fails, ParameterFileError
+    where its parameters are to be given and are not.
     """
     if isinstance(model, Model):
         entry = Entry(model.name, model.name)
@@ -281,6 +293,7 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
         entry = MODELS.entry(model) if isinstance(model, str) else model
         model = entry.instance
     chosen = model.check_options(options)
+    check_material(measured)
     where = f"{entry.name} on {measured.name}"
     table = measured.table.view()
     table.flags.writeable = False

@@ -25,7 +25,7 @@ import numpy as np
 
 from brdfatlas.constants import REFERENCE
 from brdfatlas.files import FileFault, atomic_path, check_output, ours, shown, write_json
-from brdfatlas.fits import Fit, fit
+from brdfatlas.fits import Fit, check_material, fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
 from brdfatlas.measures.recommendation import Candidate, choose
@@ -192,6 +192,7 @@ def recommend(
         raise ValueError(f"unknown target {target!r}; known targets: {', '.join(TARGETS)}")
     tell = progress or (lambda line: None)
     measured = measured if isinstance(measured, Measured) else read(measured)
+    check_material(measured)
     entries = [MODELS.entry(name) for name in dict.fromkeys(models if models is not None else MODELS)]
     if target is not None:
         entries = [entry for entry in entries if target in entry.instance.targets]

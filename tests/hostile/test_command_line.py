@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -122,8 +123,6 @@ def test_info_says_what_a_fit_is(capsys, inputs, model):
 
 @pytest.mark.parametrize(("key", "value", "words"), [("scene", "b", "shows b"), ("status", "failed", "failed")])
 def test_image_errors_compare_what_can_be_compared(refused, inputs, linked, key, value, words):
-    from dataclasses import replace
-
     from brdfatlas.rendering.images import load_render, save_render
 
     linked("picture.exr")
@@ -142,6 +141,25 @@ def test_image_errors_of_another_size_or_of_nothing(refused, linked):
     refused(["image-errors", "picture.exr", "small.exr"], "small.exr", "sizes")
     refused(["image-errors", "black.exr", "picture.exr"], "black.exr", "black")
     refused(["image-errors", "picture.exr", "nan.exr"], "nan.exr", "NaN")
+
+
+NO_NAMES = ("_rgb.binary", "a\nb.binary", "f\udcff.binary", "\x1b[31m.binary")
+
+
+@pytest.mark.parametrize("name", NO_NAMES)
+@pytest.mark.parametrize("command", [["fit", "lambert", "-o", "out.npz"], ["recommend", "--models", "lambert"]])
+def test_a_material_without_a_name_is_not_fitted(refused, linked, name, command):
+    """No later command would take the fit."""
+    linked("measured.binary").rename(name)
+    refused([*command, f"./{name}"], "rename the file")
+
+
+@pytest.mark.parametrize("name", ["", 5, None, "a" * 256, "a\0"])
+def test_a_material_without_a_name_in_python(inputs, name):
+    measured = replace(brdfatlas.read(inputs / "measured.binary"), name=name)
+    for work in (lambda: brdfatlas.fit("lambert", measured), lambda: brdfatlas.recommend(measured, models=["lambert"])):
+        with pytest.raises(ValueError, match="printable characters"):
+            work()
 
 
 NO_WINNER = [
