@@ -264,7 +264,7 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
 def table_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put a fit on the MERL grid, for any MERL reader."""
     fitted = load_fit(args.fit, args.source)
-    write_merl(args.output, table_of(fitted, args.fit), standin=fitted.standin)
+    write_merl(args.output, table_of(fitted, args.fit), standin=fitted.standin, reconstructed=True)
     folded = not fitted.instance.reciprocal
     if not args.json:
         note = " (not reciprocal: the mean of both orders of the directions)" if folded else ""

@@ -8,6 +8,7 @@ import pytest
 import brdfatlas
 from brdfatlas import read_merl
 from brdfatlas.cli import main, parse_options
+from brdfatlas.fits import Fit
 from brdfatlas.formats.merl import write_merl
 
 
@@ -59,6 +60,22 @@ def test_a_fit_is_a_fit_under_any_name_and_tells_of_its_standin(capsys, material
     assert read_merl(material).standin
     assert brdfatlas.load_fit(fitted).standin
     assert run_json(capsys, "info", tmp_path / "ggx.binary")["standin"]
+
+
+@pytest.mark.parametrize("command", [["table"], ["export", "--to", "merl"]])
+@pytest.mark.parametrize(
+    ("model", "kind"), [("ggx", "stand-in"), ("ggx", "reconstructed"), ("edwards", "reconstructed")]
+)
+def test_a_table_of_a_fit_is_no_measurement(capsys, tmp_path, command, model, kind):
+    made = brdfatlas.MODELS[model]
+    parameters = {p.name: np.full(p.shape, 0.5, p.dtype) for p in made.parameters}
+    Fit(model, "felt", parameters, made.check_options({}), kind == "stand-in").save(tmp_path / "fit.npz")
+    line = [command[0], str(tmp_path / "fit.npz"), *command[1:], "-o", str(tmp_path / "felt.binary")]
+    assert main(line) == 0
+    assert run_json(capsys, "info", tmp_path / "felt.binary")["kind"] == kind
+    assert main(["info", str(tmp_path / "felt.binary")]) == 0
+    assert f"(a {kind} material)" in capsys.readouterr().out
+    assert main(line) == 0, "a file of ours"
 
 
 def test_files_are_compared_where_both_were_measured(capsys, material, tmp_path):

@@ -17,6 +17,7 @@ from brdfatlas.export.mitsuba import export_mitsuba
 from brdfatlas.export.sampler import export_sampler
 from brdfatlas.fits import Fit
 from brdfatlas.formats.merl import write_merl
+from brdfatlas.measured import fold
 from brdfatlas.models import MODELS
 
 #: target -> ending of its files
@@ -60,7 +61,7 @@ def export(fit: Fit, target: str, path: str | os.PathLike, more: Mapping[str, An
     if target == "mitsuba":
         return export_mitsuba(fit, path, more)
     if target == "merl":
-        write_merl(path, fit.table(), standin=fit.standin)
+        write_merl(path, fold(fit.table()), standin=fit.standin, reconstructed=True)
         return [path]
     if target in ("json", "sampler"):
         {"json": export_json, "sampler": export_sampler}[target](fit, path)
