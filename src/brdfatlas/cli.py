@@ -290,12 +290,13 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
 def export_command(args: argparse.Namespace) -> dict[str, Any]:
     """Write a fit for another program: a renderer's material, JSON, its sampler, a MERL table."""
     from brdfatlas.export.facts import with_report
+    from brdfatlas.export.mitsuba import beside_of
     from brdfatlas.export.targets import export
 
     fitted = with_report(load_fit(args.fit, args.source), args.fit)
     target = "sampler" if args.sampler else args.to
-    if target == "mitsuba" and args.output != "-" and not args.force:
-        check_beside(fitted, Path(args.output).with_suffix(".npz"))
+    if target == "mitsuba" and not args.force:
+        check_beside(fitted, beside_of(args.output))
     files = export(fitted, target, args.output)
     if not args.json:
         say(f"{', '.join(map(str, files))}: {args.fit} for {target}")
@@ -602,6 +603,8 @@ def run(args: argparse.Namespace) -> None:
             args.output = os.path.join(folder, "out" + ENDINGS[args.writes][0])
             with contextlib.redirect_stdout(io.StringIO()):
                 args.function(args)
+            if len(os.listdir(folder)) > 1:
+                raise FileFault("-o -: this fit is written beside its export, in a file of its own; name a file")
             sys.stdout.write(Path(args.output).read_text(encoding="utf-8"))
     sys.stdout.flush()
 

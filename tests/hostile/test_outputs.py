@@ -305,6 +305,29 @@ def test_a_file_beside_an_export_is_not_overwritten(refused, linked, inputs, wha
     assert main(export) == 0, "the same fit"
 
 
+def test_an_export_with_a_file_beside_it_does_not_go_to_standard_output(refused, linked, capsys):
+    linked("ggx.npz")
+    linked("lambert.npz")
+    refused(["export", "ggx.npz", "--to", "mitsuba", "-o", "-"], "-o -", "name a file")
+    assert main(["export", "lambert.npz", "--to", "mitsuba", "-o", "-"]) == 0
+    assert capsys.readouterr().out.startswith("<scene")
+
+
+def test_the_fit_is_beside_the_export_itself_also_through_a_link(refused, linked):
+    linked("ggx.npz")
+    other = refused.folder / "other"
+    other.mkdir()
+    (other / "real.npz").write_bytes(b"mine")
+    (refused.folder / "link.xml").symlink_to("other/real.xml")
+    export = ["export", "ggx.npz", "--to", "mitsuba", "-o", "link.xml"]
+    refused(export, "real.npz", "--force")
+    (other / "real.npz").unlink()
+    assert main(export) == 0
+    assert sorted(path.name for path in other.iterdir()) == ["real.npz", "real.xml"]
+    assert not (refused.folder / "link.npz").exists()
+    assert "real.npz" in (other / "real.xml").read_text()
+
+
 DISK_FAULTS = [
     OSError(28, "No space left on device"),
     OSError(122, "Disk quota exceeded"),

@@ -1,6 +1,8 @@
 import json
 import shutil
 import subprocess
+from dataclasses import replace
+from xml.dom import minidom
 from xml.etree import ElementTree
 
 import numpy as np
@@ -61,6 +63,16 @@ def test_files_say_what_they_are(target, tmp_path):
             assert told in text
         for told in ("roughness", "dE00 after rendering", "1.25", "at a bound: metallic = 1"):
             assert told in text
+
+
+@pytest.mark.parametrize("material", ["a---b", "-----", "a--", "-", "a-->b", "a\x01\nb\udcff\ufffe"])
+@pytest.mark.parametrize(
+    ("target", "model"), [("mitsuba", "ggx_diffuse"), ("mitsuba", "lambert"), ("materialx", "lambert")]
+)
+def test_xml_is_well_formed_whatever_the_material_is_called(target, model, material, tmp_path):
+    path = tmp_path / f"material{ENDINGS[target]}"
+    export(replace(fit_of(model), material=material), target, path, {"note": material})
+    assert minidom.parse(str(path)).documentElement.tagName in ("scene", "materialx")
 
 
 # Numbers survive ---------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from brdfatlas.export.facts import ExportError, facts
+from brdfatlas.export.mitsuba import comment
 from brdfatlas.files import write_text
 from brdfatlas.fits import Fit
 
@@ -25,7 +26,7 @@ def materialx_of(fit: Fit, more: Mapping[str, Any] | None = None) -> str:
     told = facts(fit, more) | {"roughness": ROUGHNESS[material["node"]]}
     root = ElementTree.Element("materialx", version=VERSION, colorspace="lin_rec709")
     for key, value in told.items():
-        root.append(ElementTree.Comment(f" {key}: {value.replace('--', '- -')} "))
+        root.append(comment(f"{key}: {value}"))
     surface = ElementTree.SubElement(root, material["node"], name="surface", type="surfaceshader")
     for name, value in material["inputs"].items():
         if isinstance(value, list):

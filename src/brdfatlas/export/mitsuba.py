@@ -1,13 +1,14 @@
 """A fit as a Mitsuba 3 material: a stock plugin where one is exactly the model, else ours with the fit beside it."""
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 from brdfatlas.export.facts import facts
-from brdfatlas.files import write_text
+from brdfatlas.files import shown, write_text
 from brdfatlas.fits import Fit
 
 #: Stock plugins and what their numbers mean.
@@ -25,23 +26,33 @@ def mitsuba_dict(fit: Fit, filename: str | os.PathLike = "") -> dict[str, Any]:
     return dict(stock) if stock else {"type": "brdfatlas", "filename": os.fspath(filename)}
 
 
+def comment(text: str) -> ElementTree.Element:
+    """An XML comment, in which neither "--" nor a control character may stand."""
+    return ElementTree.Comment(f" {re.sub('-(?=-)', '- ', shown(text))} ")
+
+
+def beside_of(path: str | os.PathLike) -> Path:
+    """Where the fit of a scene file is: beside the file itself, also where ``path`` is a link to it."""
+    path = Path(path)
+    return (Path(os.path.realpath(path)) if path.is_symlink() else path).with_suffix(".npz")
+
+
 def export_mitsuba(fit: Fit, path: str | os.PathLike, more: Mapping[str, Any] | None = None) -> list[Path]:
     """Write a scene file with the material alone, id ``material``: include it and refer to the id, or load it.
 
     A fit that no stock plugin can hold is saved beside it as .npz. Returns the files written.
     """
-    path = Path(path)
-    beside = path.with_suffix(".npz")
+    path, beside = Path(path), beside_of(path)
     material = mitsuba_dict(fit, beside.name)
     told = facts(fit, more) | {"roughness": ROUGHNESS[material["type"]]}
     scene = ElementTree.Element("scene", version="3.0.0")
-    for key, value in told.items():  # "--" may not stand in an XML comment
-        scene.append(ElementTree.Comment(f" {key}: {value.replace('--', '- -')} "))
+    for key, value in told.items():
+        scene.append(comment(f"{key}: {value}"))
     scene.append(_element("bsdf", material, id="material"))
     ElementTree.indent(scene)
     files = [path]
     if material["type"] == "brdfatlas":
-        scene.insert(0, ElementTree.Comment(" needs the plugin: brdfatlas.rendering.register() before loading "))
+        scene.insert(0, comment("needs the plugin: brdfatlas.rendering.register() before loading"))
         fit.save(beside)
         files.append(beside)
     write_text(path, ElementTree.tostring(scene, encoding="unicode") + "\n")
