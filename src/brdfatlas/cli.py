@@ -236,10 +236,14 @@ def parse_options(items: Sequence[str]) -> dict[str, Any]:
         key, separator, value = item.partition("=")
         if not separator:
             raise ValueError(f"--option {item}: expected KEY=VALUE")
+        if key in options:
+            raise ValueError(f"--option {key}: stands twice; leave one out")
         try:
             options[key] = json.loads(value)
         except json.JSONDecodeError:
             options[key] = value
+        except (ValueError, RecursionError):
+            raise ValueError(f"--option {key}: {value[:40]!r}... is too long or nested too deeply") from None
     return options
 
 
@@ -484,15 +488,24 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return parse
 
 
-def positive(text: str) -> float:
-    """A type of argument: a number above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a number above 0")
-    return value
+def number(low: float, high: float = math.inf) -> Callable[[str], float]:
+    """A type of argument: a finite number of ``low`` to ``high``."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (low <= value <= high and value < math.inf):
+            ends = f"of {low:g} to {high:g}" if high < math.inf else "above 0"
+            raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a number {ends}")
+        return value
+
+    return parse
+
+
+#: A number above 0.
+positive = number(math.ulp(0.0))
 
 
 def add_command(
@@ -523,8 +536,13 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("file", metavar="FILE", help="measured file or fit")
     sub = command("convert", convert_command, ["file", "like"], "table", source=True)
     sub.add_argument("file", metavar="FILE", help="measured file or fit")
+    sub = sub.add_mutually_exclusive_group()
     sub.add_argument("--like", metavar="FILE", help="of a .csv: the directions of this table or spectral text")
-    sub.add_argument("--step", type=positive, help="of a .csv: degrees between directions of a regular table, else 10")
+    sub.add_argument(
+        "--step",
+        type=number(1.0, 45.0),  # a smaller step makes a larger table than is read
+        help="of a .csv: degrees between directions of a regular table, 1 to 45, else 10",
+    )
     sub = command("standin", standin_command, writes="MERL table")
     sub.add_argument("material", nargs="?", help="name of a material of the MERL database")
     sub.add_argument("--list", action="store_true", help="list the materials that have a stand-in")

@@ -22,10 +22,12 @@ from brdfatlas.measures.tsv import read_tsv, write_tsv
 RENDER = ["render", "measured.binary", "-o", "out.exr"]
 FIT = ["fit", "ggx", "measured.binary", "-o", "out.npz"]
 ERRORS = ["image-errors", "picture.exr", "picture.exr"]
+CONVERT = ["convert", "measured.binary", "-o", "out.csv"]
 BEYOND = ("-1", "4294967296", "1e3", "1.5", "", "ten", "9" * 500, "0x10", "nan")
 BAD_NUMBERS = [(FIT, "--seed", text) for text in BEYOND] + [(RENDER, "--seed", text) for text in BEYOND]
 BAD_NUMBERS += [(RENDER, "--size", text) for text in ("0", "-8", "4097", "100000", "1e2", "big")]
 BAD_NUMBERS += [(RENDER, "--spp", text) for text in ("0", "-1", "1000000000000", "1e30", "inf")]
+BAD_NUMBERS += [(CONVERT, "--step", text) for text in ("1e-300", "1e-3", "0.99", "1000", "45.1", "nan", "inf", "-5")]
 BAD_NUMBERS += [(ERRORS, key, text) for key in ("--gamma", "--exposure") for text in ("0", "-1", "nan", "inf", "x")]
 
 
@@ -43,6 +45,7 @@ BAD_LINES = {
     "an output without a name": ["fit", "ggx", "a.binary", "-o"],
     "a line break in a command": ["fit\nggx"],
     "an escape in an option": ["info", "a.binary", "--\x1b[31m"],
+    "two sets of directions": [*CONVERT, "--like", "a.csv", "--step", "5"],
     "another integrator": ["render", "a.binary", "-o", "a.exr", "--integrator", "volume"],
 }
 
@@ -63,13 +66,28 @@ BAD_OPTIONS = [
     "start=null",
     "start=NaN",
     "a\nb=1",
+    "objective=" + 50_000 * "[",
+    "objective=" + 50_000 * "a",
+    "starts=" + 5_000 * "9",
+    "starts=" + 23 * "9",
+    "starts=1e400",
+    100_000 * "k" + "=1",
 ]
 
 
 @pytest.mark.parametrize("option", BAD_OPTIONS)
 def test_an_option_of_a_model(refused, linked, option):
     linked("measured.binary")
-    refused([*FIT, "--option", option])
+    command = [item.replace("ggx", "ward") for item in FIT]
+    assert len(refused([*command, "--option", option])) < 1000
+
+
+@pytest.mark.parametrize("model", ["ward", "sgd", "gltf"])
+def test_an_option_has_an_end_and_stands_once(refused, linked, model):
+    linked("measured.binary")
+    command = [item.replace("ggx", model) for item in FIT]
+    refused([*command, "--option", "starts=10001"], "starts = 10001 is not a whole number of 1 to 10000")
+    refused([*command, "--option", "starts=5", "--option", "starts=5"], "starts", "twice")
 
 
 @pytest.mark.parametrize("output", ["", ".", "..", "/", "out/", "a" * 300 + ".npz", "x/" * 3000 + "a.npz"])

@@ -88,7 +88,7 @@ class Option:
             return "" if isinstance(value, type(self.default)) else "is not text"
         whole = isinstance(self.default, Integral)
         number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
-        if number and np.isfinite(value) and self.low <= value <= self.high:
+        if number and abs(value) < (2**63 if whole else np.inf) and self.low <= value <= self.high:
             return ""
         ends = f" of {self.low:g}" if np.isfinite(self.low) else ""
         ends += (f" to {self.high:g}" if np.isfinite(self.high) else " or more") if ends else ""
@@ -288,11 +288,11 @@ class Model(ABC):
         for key, value in options.items():
             if key not in self.options:
                 known = ", ".join(self.options) or "none"
-                raise ValueError(f"model {self.name}: unknown option {key!r}; known options: {known}")
+                raise ValueError(f"model {self.name}: unknown option {key[:80]!r}; known options: {known}")
             option = self.options[key]
             fault = option.fault(value)
             if fault:
-                raise ValueError(f"model {self.name}: {key} = {value!r} {fault}")
+                raise ValueError(f"model {self.name}: {key} = {repr(value)[:80]} {fault}")
             if option.check:
                 option.check(value, self.name, key)
         return {key: option.default for key, option in self.options.items()} | dict(options)

@@ -88,7 +88,7 @@ class SGD(Model):
     }
     options: ClassVar[Mapping[str, Option]] = {
         "objective": objective_option("compressive"),
-        "starts": Option(48, "how many starts are tried in each channel", low=1),
+        "starts": Option(48, "how many starts are tried in each channel", low=1, high=10_000),
     }
 
     def fit(self, measured: Measured, *, seed: int = 0, **options: Any) -> Result:

@@ -97,8 +97,8 @@ class LobeModel(Model):
             high=89.0,
         ),
         "grazing": grazing_option(0.02),
-        "starts": Option(192, "how many starts are tried", low=1),
-        "follow": Option(10, "how many of the best starts are followed to their minimum", low=1),
+        "starts": Option(192, "how many starts are tried", low=1, high=10_000),
+        "follow": Option(10, "how many of the best starts are followed to their minimum", low=1, high=10_000),
     }
 
     def fit(
