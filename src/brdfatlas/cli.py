@@ -180,8 +180,8 @@ def convert_command(args: argparse.Namespace) -> dict[str, Any]:
         values = item.evaluate(wi, wo) if fitted else item.evaluate_measured(wi, wo)
         rows = write_csv(args.output, wi, wo, values, kind, f"{Path(args.file).name}, converted by brdfatlas")
     if not args.json:
-        say(f"{args.output}: {args.file}{'' if rows is None else f', {rows:,} pairs of directions'}")
-    return {"file": args.file, "output": args.output, "kind": kind, "rows": rows}
+        say(f"{args.named}: {args.file}{'' if rows is None else f', {rows:,} pairs of directions'}")
+    return {"file": args.file, "output": args.named, "kind": kind, "rows": rows}
 
 
 def fit_info(args: argparse.Namespace) -> dict[str, Any]:
@@ -225,8 +225,8 @@ def standin_command(args: argparse.Namespace) -> dict[str, Any]:
         raise ValueError("name a material and an output: MATERIAL -o OUT.binary; --list says which there are")
     write_standin(args.material, args.output)
     if not args.json:
-        say(f"{args.output}: stand-in for {args.material}, the median of five published fits, not a measurement")
-    return {"material": args.material, "output": args.output, "standin": True}
+        say(f"{args.named}: stand-in for {args.material}, the median of five published fits, not a measurement")
+    return {"material": args.material, "output": args.named, "standin": True}
 
 
 def parse_options(items: Sequence[str]) -> dict[str, Any]:
@@ -255,11 +255,11 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
     options = MODELS[args.model].check_options(parse_options(args.option))
     fitted = fit(args.model, read_aloud(args.file), seed=args.seed, **options)
     fitted.save(args.output)
-    report = {"model": fitted.entry, "material": fitted.material, "output": args.output, **fitted.report}
+    report = {"model": fitted.entry, "material": fitted.material, "output": args.named, **fitted.report}
     if not args.json:
         state = "converged" if report["converged"] else f"did not converge ({report['message']})"
         say(
-            f"{args.output}: {report['objective_name']} {report['objective']:.6g} after {report['iterations']} "
+            f"{args.named}: {report['objective_name']} {report['objective']:.6g} after {report['iterations']} "
             f"iterations in {report['seconds']:.2f} s, {state}, {report['bytes']:,} bytes"
         )
     return report
@@ -272,8 +272,8 @@ def table_command(args: argparse.Namespace) -> dict[str, Any]:
     folded = not fitted.instance.reciprocal
     if not args.json:
         note = " (not reciprocal: the mean of both orders of the directions)" if folded else ""
-        say(f"{args.output}: {args.fit} on the MERL grid{note}")
-    return {"fit": args.fit, "output": args.output, "mean_of_both_orders": folded}
+        say(f"{args.named}: {args.fit} on the MERL grid{note}")
+    return {"fit": args.fit, "output": args.named, "mean_of_both_orders": folded}
 
 
 def compare_command(args: argparse.Namespace) -> dict[str, Any]:
@@ -297,14 +297,15 @@ def export_command(args: argparse.Namespace) -> dict[str, Any]:
     from brdfatlas.export.mitsuba import beside_of
     from brdfatlas.export.targets import export
 
+    beside = beside_of(args.named)
     fitted = with_report(load_fit(args.fit, args.source), args.fit)
     target = "sampler" if args.sampler else args.to
     if target == "mitsuba" and not args.force:
         check_beside(fitted, beside_of(args.output))
-    files = export(fitted, target, args.output)
+    files = [args.named, beside][: len(export(fitted, target, args.output))]
     if not args.json:
         say(f"{', '.join(map(str, files))}: {args.fit} for {target}")
-    return {"fit": args.fit, "output": args.output, "target": target, "files": files}
+    return {"fit": args.fit, "output": args.named, "target": target, "files": files}
 
 
 def check_beside(fitted: Fit, beside: Path) -> None:
@@ -328,6 +329,7 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
     models = list(MODELS) if args.models is None else args.models.split(",")
     if not any(meets(args, MODELS[name], surely=False) for name in models):
         raise ValueError(no_winner(args, models))
+    folder = None if args.folder is None else Path(args.folder).absolute()
     if args.folder is not None:
         check_folder(args.folder)
     measured = read(args.file)
@@ -344,7 +346,7 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
         say(*found.table().splitlines())
     if found.winner is None:
         raise ValueError(no_winner(args, models))
-    files = found.save(args.folder) if args.folder else []
+    files = [os.path.join(args.folder, path.name) for path in found.save(folder)] if folder else []
     if not args.json:
         if found.winner.de00 > POOR_DE00:
             say(f"dE00 {found.winner.de00:.1f}: none of these models comes close to {found.material}")
@@ -380,8 +382,8 @@ def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
     texture = build_uber_texture([load_fit(path, args.source) for path in args.fits])
     save_uber_texture(args.output, texture)
     if not args.json:
-        say(f"{args.output}: {texture.model} of {len(texture.materials)} materials, a row each")
-    return {"model": texture.model, "materials": list(texture.materials), "output": args.output}
+        say(f"{args.named}: {texture.model} of {len(texture.materials)} materials, a row each")
+    return {"model": texture.model, "materials": list(texture.materials), "output": args.named}
 
 
 def render_command(args: argparse.Namespace) -> dict[str, Any]:
@@ -389,7 +391,7 @@ def render_command(args: argparse.Namespace) -> dict[str, Any]:
     from brdfatlas.rendering.images import save_picture
     from brdfatlas.rendering.jobs import render_file
 
-    check_output(args.output, "picture", scene_files(args.scene, args.scenes), force=True)
+    check_output(args.named, "picture", scene_files(args.scene, args.scenes), force=True)
     render = render_file(
         load(args.file, args.source),
         args.scene,
@@ -402,8 +404,8 @@ def render_command(args: argparse.Namespace) -> dict[str, Any]:
     )
     save_picture(args.output, render)
     if not args.json:
-        say(f"{args.output}: {args.file} in {args.scene}, {args.size} x {args.size}, {args.spp} samples a pixel")
-    return {"output": args.output, "scene": args.scene, "spp": args.spp, "size": args.size, "seed": args.seed}
+        say(f"{args.named}: {args.file} in {args.scene}, {args.size} x {args.size}, {args.spp} samples a pixel")
+    return {"output": args.named, "scene": args.scene, "spp": args.spp, "size": args.size, "seed": args.seed}
 
 
 def scene_files(scene: str, scenes: str | None) -> list[str]:
@@ -607,6 +609,7 @@ def check_arguments(args: argparse.Namespace) -> None:
         raise FileFault(f"-o -: standard output cannot be the file, {fault}; name a file")
     if output and output != "-":
         check_output(output, args.writes, inputs, force=args.force)
+        args.named, args.output = output, str(Path(output).absolute())  # a model's own code may leave the folder
 
 
 def run(args: argparse.Namespace) -> None:
@@ -618,7 +621,7 @@ def run(args: argparse.Namespace) -> None:
             print(json.dumps(plain(result), indent=1, ensure_ascii=False))
     else:
         with tempfile.TemporaryDirectory() as folder:
-            args.output = os.path.join(folder, "out" + ENDINGS[args.writes][0])
+            args.named = args.output = os.path.join(folder, "out" + ENDINGS[args.writes][0])
             with contextlib.redirect_stdout(io.StringIO()):
                 args.function(args)
             if len(os.listdir(folder)) > 1:

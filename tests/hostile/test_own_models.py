@@ -105,6 +105,31 @@ def test_in_a_run_the_fit_fails_and_not_the_job(linked, tmp_path, capsys, what):
     assert (tmp_path / "out.npz").read_bytes() == b""
 
 
+GOES = {
+    "while fitting": in_fit("import os; os.chdir('/')"),
+    "while evaluated": OWN_MODEL.replace(
+        "        return np.broadcast", "        import os; os.chdir('/')\n        return np.broadcast"
+    ),
+}
+
+
+@pytest.mark.parametrize("what", GOES)
+def test_a_model_that_leaves_the_folder_takes_no_output_with_it(linked, tmp_path, monkeypatch, capsys, what):
+    monkeypatch.chdir(tmp_path)
+    linked("measured.binary")
+    (tmp_path / "model.py").write_text(GOES[what])
+    assert main(FIT) == 0
+    assert capsys.readouterr().out.startswith("out.npz: ")
+    for command in (["table", "-o", "sub/out.binary"], ["export", "-o", "out.xml", "--to", "mitsuba", "--force"]):
+        monkeypatch.chdir(tmp_path)
+        loading._from_file.cache_clear()
+        assert main([command[0], "out.npz", *command[1:], "--source", "model.py"]) == 0
+        assert capsys.readouterr().out.startswith("sub/out.binary: " if "table" in command else "out.xml, out.npz: ")
+    monkeypatch.chdir(tmp_path)
+    found = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("out.*"))
+    assert found == ["out.npz", "out.xml", "sub/out.binary"]
+
+
 BAD_VALUES = {
     "an exception": "raise RuntimeError('no value')",
     "sys.exit": "sys.exit(0)",
