@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import dataclasses
-import io
 import json
 import math
 import os
@@ -403,9 +402,10 @@ def render_command(args: argparse.Namespace) -> dict[str, Any]:
         variant=args.variant,
     )
     save_picture(args.output, render)
+    spp = int(render.meta["samples"])  # a multiple of the batches
     if not args.json:
-        say(f"{args.named}: {args.file} in {args.scene}, {args.size} x {args.size}, {args.spp} samples a pixel")
-    return {"output": args.named, "scene": args.scene, "spp": args.spp, "size": args.size, "seed": args.seed}
+        say(f"{args.named}: {args.file} in {args.scene}, {args.size} x {args.size}, {spp} samples a pixel")
+    return {"output": args.named, "scene": args.scene, "spp": spp, "size": args.size, "seed": args.seed}
 
 
 def scene_files(scene: str, scenes: str | None) -> list[str]:
@@ -589,7 +589,9 @@ def add_render(sub: argparse.ArgumentParser) -> None:
     """The arguments of `render`."""
     sub.add_argument("file", metavar="FILE_OR_FIT", help="measured file or fit")
     sub.add_argument("--scene", default="studio_sphere", help="name of a scene")
-    sub.add_argument("--spp", type=whole(1, 2**20), default=64, help="samples a pixel")
+    sub.add_argument(
+        "--spp", type=whole(8, 2**20), default=64, help="samples a pixel, at least one in each of 8 batches"
+    )
     sub.add_argument("--size", type=whole(1, 4096), default=256, help="width and height in pixels")
     sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=1, help="of the random numbers of the render")
     sub.add_argument("--scenes", metavar="FILE.yaml", help="file that defines the scene, else the built-in scenes")
@@ -616,13 +618,16 @@ def run(args: argparse.Namespace) -> None:
     """Run a command and print what it has to say; with ``-o -`` print the file that it would write."""
     check_arguments(args)
     if getattr(args, "output", None) != "-":
-        result = args.function(args)
+        # with --json the result alone is printed: not what a model prints
+        with contextlib.redirect_stdout(sys.stderr if args.json else sys.stdout):
+            result = args.function(args)
         if args.json:
             print(json.dumps(plain(result), indent=1, ensure_ascii=False))
     else:
         with tempfile.TemporaryDirectory() as folder:
             args.named = args.output = os.path.join(folder, "out" + ENDINGS[args.writes][0])
-            with contextlib.redirect_stdout(io.StringIO()):
+            args.json = True
+            with contextlib.redirect_stdout(sys.stderr):
                 args.function(args)
             if len(os.listdir(folder)) > 1:
                 raise FileFault("-o -: this fit is written beside its export, in a file of its own; name a file")

@@ -11,6 +11,7 @@ Fits run in worker processes. So a script keeps its own code behind ``if __name_
 import multiprocessing
 import os
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -226,6 +227,7 @@ def _remember(measured: Measured) -> None:
 def _start_worker(measured: Measured) -> None:
     """A worker ends with the process that it works for, also where that is killed."""
     _remember(measured)
+    sys.stdout = sys.stderr  # what models print is no part of a result
     parent = multiprocessing.parent_process()
     assert parent is not None
     threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()

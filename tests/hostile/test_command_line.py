@@ -26,7 +26,7 @@ CONVERT = ["convert", "measured.binary", "-o", "out.csv"]
 BEYOND = ("-1", "4294967296", "1e3", "1.5", "", "ten", "9" * 500, "0x10", "nan")
 BAD_NUMBERS = [(FIT, "--seed", text) for text in BEYOND] + [(RENDER, "--seed", text) for text in BEYOND]
 BAD_NUMBERS += [(RENDER, "--size", text) for text in ("0", "-8", "4097", "100000", "1e2", "big")]
-BAD_NUMBERS += [(RENDER, "--spp", text) for text in ("0", "-1", "1000000000000", "1e30", "inf")]
+BAD_NUMBERS += [(RENDER, "--spp", text) for text in ("0", "-1", "7", "1000000000000", "1e30", "inf")]
 BAD_NUMBERS += [(CONVERT, "--step", text) for text in ("1e-300", "1e-3", "0.99", "1000", "45.1", "nan", "inf", "-5")]
 BAD_NUMBERS += [(ERRORS, key, text) for key in ("--gamma", "--exposure") for text in ("0", "-1", "nan", "inf", "x")]
 

@@ -105,6 +105,18 @@ def test_in_a_run_the_fit_fails_and_not_the_job(linked, tmp_path, capsys, what):
     assert (tmp_path / "out.npz").read_bytes() == b""
 
 
+def test_what_a_model_prints_is_no_part_of_a_result(linked, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    linked("measured.binary")
+    (tmp_path / "model.py").write_text(in_fit("print('step 1')").replace("return np.b", "print('step 1'); return np.b"))
+    assert main([*FIT, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["model"] == "mine"
+    assert err == "step 1\n"
+    assert main(["export", "out.npz", "-o", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["model"] == "mine"
+
+
 GOES = {
     "while fitting": in_fit("import os; os.chdir('/')"),
     "while evaluated": OWN_MODEL.replace(

@@ -196,12 +196,14 @@ def test_image_errors_use_the_references_tone_map_and_name_a_bound(capsys, tmp_p
     assert near["psnr_se_db"] is None
 
 
-def test_render_writes_the_picture_of_the_file(material, tmp_path):
+def test_render_writes_the_picture_of_the_file(capsys, material, tmp_path):
     """The command's EXR is the function's picture; felt reflects some light."""
     from brdfatlas.rendering.images import load_render
     from brdfatlas.rendering.jobs import render_file
 
     output = tmp_path / "felt.exr"
+    told = run_json(capsys, "render", material, "--spp", "9", "--size", "8", "-o", output)
+    assert str(told["spp"]) == load_render(output).meta["samples"] == "16"
     assert main(["render", str(material), "--spp", "16", "--size", "16", "-o", str(output)]) == 0
     render = load_render(output)
     expected = render_file(material, "studio_sphere", samples=16, size=16)
