@@ -50,7 +50,17 @@ INTERRUPTED, BROKEN_PIPE = 130, 141
 
 def say(*lines: object) -> None:
     """Print lines; a line break or an escape in a file's name cannot make one more."""
-    print("\n".join(shown(line) for line in lines))
+    emit("".join(f"{shown(line)}\n" for line in lines))
+
+
+def emit(text: str, *, flush: bool = False) -> None:
+    """Print a text. A fault of standard output names it, and what is left to be printed is lost: at exit Python would
+    flush it, and complain."""
+    try:
+        print(text, end="", flush=flush)
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise OSError(error.errno, error.strerror, "standard output") from None
 
 
 def load(path: str, source: str | None = None) -> Measured | Fit:
@@ -116,10 +126,10 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
             ],
         }
     if not args.json:
-        print(f"{'name':18} {'paper':26} {'numbers':>8} {'bytes':>8}")
+        say(f"{'name':18} {'paper':26} {'numbers':>8} {'bytes':>8}")
         for name, m in listed.items():
             note = f"  ({m['status'].split(':')[0]})" if m["status"] else ""
-            print(f"{name:18} {m['paper']:26} {m['free_parameters']:8,} {m['bytes']:8,}{note}")
+            say(f"{name:18} {m['paper']:26} {m['free_parameters']:8,} {m['bytes']:8,}{note}")
     return listed
 
 
@@ -286,7 +296,7 @@ def compare_command(args: argparse.Namespace) -> dict[str, Any]:
         raise ValueError(f"{args.a}, {args.b}: {error}; compare files that have values in common") from None
     if not args.json:
         for name, value in measures.items():
-            print(f"{name:24} {value:.6g}")
+            say(f"{name:24} {value:.6g}")
     return dict(measures)
 
 
@@ -457,7 +467,7 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
     bound = bool(np.isfinite(errors["psnr_db"]) and np.isinf(errors["psnr_se_db"]))
     if not args.json:
         for name, value in errors.items():
-            print(f"{name:24} {value:.6g}" + ("  (a lower bound)" if bound and name == "psnr_db" else ""))
+            say(f"{name:24} {value:.6g}" + ("  (a lower bound)" if bound and name == "psnr_db" else ""))
     return {**errors, "psnr_is_lower_bound": bound, "exposure": tone.exposure, "gamma": tone.gamma}
 
 
@@ -622,7 +632,7 @@ def run(args: argparse.Namespace) -> None:
         with contextlib.redirect_stdout(sys.stderr if args.json else sys.stdout):
             result = args.function(args)
         if args.json:
-            print(json.dumps(plain(result), indent=1, ensure_ascii=False))
+            emit(json.dumps(plain(result), indent=1, ensure_ascii=False) + "\n")
     else:
         with tempfile.TemporaryDirectory() as folder:
             args.named = args.output = os.path.join(folder, "out" + ENDINGS[args.writes][0])
@@ -631,8 +641,8 @@ def run(args: argparse.Namespace) -> None:
                 args.function(args)
             if len(os.listdir(folder)) > 1:
                 raise FileFault("-o -: this fit is written beside its export, in a file of its own; name a file")
-            sys.stdout.write(Path(args.output).read_text(encoding="utf-8"))
-    sys.stdout.flush()
+            emit(Path(args.output).read_text(encoding="utf-8"))
+    emit("", flush=True)
 
 
 def reason(error: BaseException) -> str:
@@ -643,6 +653,8 @@ def reason(error: BaseException) -> str:
         return shown(error.args[0])
     if isinstance(error, OSError) and error.strerror and error.filename:
         return f"{shown(error.filename)}: {error.strerror}"
+    if isinstance(error, FileNotFoundError) and not error.filename:
+        return "the working folder is gone; change to one that exists"
     return shown(" ".join(str(error).split("\n")).strip() or type(error).__name__)
 
 
@@ -664,15 +676,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         interrupts.as_exceptions()
         args = parser().parse_args(argv)
         run(args)
-    except BrokenPipeError:
-        # `| head` has read enough; at exit Python would flush what is left and complain
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # `| head` has read enough
         return BROKEN_PIPE
     except KeyboardInterrupt:
         print("brdfatlas: interrupted, nothing was written", file=sys.stderr)
         return INTERRUPTED
     except USER_FAULTS as error:
         print(f"brdfatlas {args.command}: {reason(error)}", file=sys.stderr)
+        return 1
+    except (Exception, SystemExit):
+        raise
+    except BaseException as error:  # a model's own
+        print(f"brdfatlas {args.command}: {type(error).__name__}: {reason(error)}", file=sys.stderr)
         return 1
     return 0
 

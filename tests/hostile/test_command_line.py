@@ -212,12 +212,11 @@ def test_an_interrupt_is_one_line(refused, monkeypatch, command, error, status, 
     refused(command, words, status=status)
 
 
-def in_a_process(code, **environment):
+def in_a_process(code, stdout=subprocess.PIPE, cwd=None, **environment):
     """Run Python with the package, in a process of its own."""
     env = os.environ | {"PYTHONPATH": str(Path(brdfatlas.__file__).parents[1])} | environment
-    return subprocess.Popen(
-        [sys.executable, "-c", code], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    command = [sys.executable, "-c", code]
+    return subprocess.Popen(command, env=env, cwd=cwd, stdout=stdout, stderr=subprocess.PIPE, text=True)
 
 
 def test_a_reader_that_has_enough_ends_the_command_quietly():
@@ -227,6 +226,37 @@ def test_a_reader_that_has_enough_ends_the_command_quietly():
     err = process.stderr.read()
     assert process.wait() in (0, 141)
     assert err == ""
+
+
+def test_a_full_standard_output_is_named():
+    code = "import sys; from brdfatlas.cli import main; sys.exit(main(['standin', '--list']))"
+    with open("/dev/full", "w") as full:
+        process = in_a_process(code, stdout=full)
+    assert process.communicate()[1] == "brdfatlas standin: standard output: No space left on device\n"
+    assert process.returncode == 1
+
+
+def test_a_working_folder_that_is_gone(inputs, tmp_path):
+    line = ["table", str(inputs / "lambert.npz"), "-o", "out.binary"]
+    code = f"import os, sys; os.rmdir(os.getcwd()); from brdfatlas.cli import main; sys.exit(main({line!r}))"
+    process = in_a_process(code, cwd=tmp_path)
+    out, err = process.communicate()
+    assert (process.returncode, out) == (1, "")
+    assert err == "brdfatlas table: the working folder is gone; change to one that exists\n"
+
+
+class Own(BaseException):
+    """As a model may raise."""
+
+
+@pytest.mark.parametrize("error", [GeneratorExit, Own])
+def test_a_fault_that_is_no_exception_is_one_line_too(refused, linked, monkeypatch, error):
+    def fail(*arguments, **options):
+        raise error
+
+    linked("measured.binary")
+    monkeypatch.setattr("brdfatlas.cli.fit", fail)
+    refused(FIT, error.__name__)
 
 
 def test_closed_streams_are_no_fault_and_no_file_takes_their_place(inputs, tmp_path):
