@@ -3,7 +3,7 @@
 What others published, or a user's own values, by material, in one of three forms:
 
 - CSV: a column ``material``, then a column for each number: ``name`` for one number, ``name_r, name_g, name_b`` or
-  ``name_1, name_2, ...`` for several. Other columns are ignored.
+  ``name_1, name_2, ...`` for several, in any order but none left out. Other columns are ignored.
 - JSON: {material: {parameter: number or list}}.
 - The text format of the public collection of fits by P. Peers (github.com/bsdfbenchmark/bbm, folder fits/): one line a
   material, ``name = Aggregate(Lambertian(albedo = [...]), Lobe(key = value, ...))``. A model says which of its
@@ -68,11 +68,18 @@ def read_parameters(path: str | os.PathLike, model: Model, material: str) -> dic
     for parameter in model.parameters:
         where = f"{path}: {material}: {parameter.name}"
         if parameter.name not in given:
-            raise ParameterFileError(f"{where}: is missing; model {model.name} needs {_named(model)}")
+            near = ", ".join(name for name in given if name.startswith(f"{parameter.name}_"))
+            name = parameter.name
+            form = f"; {near[:80]} are not {name}_r, {name}_g, {name}_b or {name}_1, {name}_2, ..." if near else ""
+            raise ParameterFileError(f"{where}: is missing{form}; model {model.name} needs {_named(model)}")
         try:
-            values = np.array(given[parameter.name], float).reshape(-1)
+            value = np.array(given[parameter.name], object).reshape(-1)
+            if any(isinstance(item, bool) for item in value):
+                raise ValueError
+            values = value.astype(float)
         except (TypeError, ValueError):
-            raise ParameterFileError(f"{where}: {given[parameter.name]!r} is no number or list of numbers") from None
+            told = repr(given[parameter.name])[:80]
+            raise ParameterFileError(f"{where}: {told} is no number or list of numbers") from None
         if not model.variable_size and values.size != parameter.count:
             raise ParameterFileError(f"{where}: has {values.size} values instead of {parameter.count}")
         if not np.isfinite(values).all():
@@ -132,10 +139,15 @@ def _read_once(path: str, _time: int, _size: int) -> Mapping[str, Mapping[str, A
         raise ParameterFileError(f"{path}: cannot be read as text ({error})") from None
     reader = {".csv": _read_csv, ".json": _read_json}.get(Path(path).suffix.lower(), _read_public)
     rows: dict[str, Mapping[str, Any]] = {}
-    for material, row in reader(path, text):
-        if material in rows:
-            raise ParameterFileError(f"{path}: {material} is in it twice; keep one")
-        rows[material] = row
+    try:
+        for material, row in reader(path, text):
+            if material in rows:
+                raise ParameterFileError(f"{path}: {material} is in it twice; keep one")
+            rows[material] = row
+    except RecursionError:
+        raise ParameterFileError(f"{path}: nested too deeply; it is no file of parameters") from None
+    except csv.Error as error:
+        raise ParameterFileError(f"{path}: {error}; correct the table") from None
     if not rows:
         raise ParameterFileError(f"{path}: holds no parameters")
     return rows
@@ -149,31 +161,52 @@ def _read_csv(path: str, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
     doubled = next((column for column in columns if columns.count(column) > 1), None)
     if doubled is not None:
         raise ParameterFileError(f"{path}: column {doubled!r} is there twice; rename one")
+    groups = _groups(columns)
+    both = next((stem for stem in groups if stem in columns), None)
+    if both is not None:
+        raise ParameterFileError(f"{path}: columns {both} and {', '.join(groups[both])[:80]}; keep one or the others")
     for line in table:
         if None in line or None in line.values():
             raise ParameterFileError(
                 f"{path}: line {table.line_num}: not {len(columns)} cells; the columns are so many"
             )
-        row: dict[str, Any] = {}
-        for column, value in line.items():
-            stem, _, last = (column or "").rpartition("_")
-            if stem and (last in ("r", "g", "b") or last.isdigit()):
-                row.setdefault(stem, []).append(value)
-            row[column] = value
-        yield str(line["material"]), row
+        yield str(line["material"]), line | {stem: [line[name] for name in names] for stem, names in groups.items()}
+
+
+def _groups(columns: list[str]) -> dict[str, list[str]]:
+    """Parameter -> its columns in their order, where name_r, name_g, name_b or name_1, name_2, ... are complete."""
+    found: dict[str, list[str]] = {}
+    for column in columns:
+        stem, _, last = column.rpartition("_")
+        if stem and (last in ("r", "g", "b") or last.isdigit()):
+            found.setdefault(stem, []).append(column)
+    groups = {}
+    for stem, names in found.items():
+        for suffixes in (("r", "g", "b"), range(1, len(names) + 1)):
+            ordered = [f"{stem}_{suffix}" for suffix in suffixes]
+            if sorted(ordered) == sorted(names):
+                groups[stem] = ordered
+    return groups
 
 
 def _read_json(path: str, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [key for key, _ in pairs]
+        doubled = next((key for key in keys if keys.count(key) > 1), None) if len(set(keys)) < len(keys) else None
+        if doubled is not None:
+            raise ParameterFileError(f"{path}: {doubled!r:.80} is in it twice; keep one")
+        return dict(pairs)
+
     try:
-        pairs = json.loads(text, object_pairs_hook=list)
+        found = json.loads(text, object_pairs_hook=unique, parse_int=float)
     except json.JSONDecodeError as error:
         raise ParameterFileError(f"{path}: line {error.lineno}: {error.msg}") from None
-    if not isinstance(pairs, list) or not all(isinstance(item, list | tuple) and len(item) == 2 for item in pairs):
+    if not isinstance(found, dict):
         raise ParameterFileError(f"{path}: is not {{material: {{parameter: values}}}}")
-    for material, row in pairs:
-        if not isinstance(row, list) or not all(isinstance(x, list | tuple) and len(x) == 2 for x in row):
+    for material, row in found.items():
+        if not isinstance(row, dict):
             raise ParameterFileError(f"{path}: {material}: is not {{parameter: values}}")
-        yield str(material), dict(row)
+        yield material, row
 
 
 # The public text format ----------------------------------------------------------------------------------------------
