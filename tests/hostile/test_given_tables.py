@@ -2,9 +2,12 @@
 
 import itertools
 
+import numpy as np
 import pytest
 
 import brdfatlas
+from brdfatlas.formats import tables
+from brdfatlas.measured import MeasuredError
 from brdfatlas.models.given import ParameterFileError, read_parameters
 from brdfatlas.settings import ConfigError, check_name
 
@@ -20,6 +23,8 @@ BAD_TABLES = {
     "two kinds of values": (table(head="# values: f\n# values: f cos\n"), "line 2: values: 'f cos', before: 'f'"),
     "negative values only": (table("-1,-1,-1"), "negative values only"),
     "black in float32": (table("1e-50,1e-50,1e-50"), "black"),
+    "angles of two units": (table(head="# angles: radians\n# angles: degrees\n"), "line 2: angles in degrees, before"),
+    "angles of no known unit": (table(head="# angles: gons\n"), "line 1: angles: 'gons'; write"),
     "an azimuth of thousands of turns": (table(azimuth="{}e15"), "an azimuth of "),
 }
 
@@ -29,6 +34,71 @@ def test_a_table_that_contradicts_itself_is_named(refused, what):
     text, words = BAD_TABLES[what]
     (refused.folder / "bad.csv").write_text(text)
     refused(["info", "bad.csv"], "bad.csv: ", words)
+
+
+def one_column(names, values="0.2", head=""):
+    return table(values, head=head).replace("r,g,b\n", f"{names}\n")
+
+
+def quantity_read(folder, text):
+    """The name of what a table is taken for, from its value 0.2 at a theta_o of 60 degrees."""
+    (folder / "mine.csv").write_text(text, encoding="utf-8")
+    samples = tables._load(folder / "mine.csv")[0]
+    value = samples.values[samples.wo[:, 2] < 0.6][0, 0]
+    return {0.2: "f", 0.4: "f cos", round(0.2 / np.pi, 6): "reflectance factor"}[round(float(value), 6)]
+
+
+@pytest.mark.parametrize(
+    ("words", "quantity"),
+    [
+        *[(words, "f") for words in ("f", "f_s", "BRDF", "BRDF in 1/sr", "brdf [sr^-1]", "f (1/sr)")],
+        *[(words, "f cos") for words in ("f cos", "f*cos(theta_o)", "f·cos θ_o", "BRDF times cosine", "f cos_theta_r")],
+        *[(words, "reflectance factor") for words in ("Reflectance Factor", "pi f", "π·f", "pi * BRDF", "rf")],
+    ],
+)
+def test_what_a_table_says_of_its_values_is_understood(tmp_path, words, quantity):
+    assert quantity_read(tmp_path, table(head=f"# values: {words}\n")) == quantity
+    assert quantity_read(tmp_path, one_column(words)) == quantity
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *("f, without the cosine", "f (not multiplied by cos theta_o)", "BRDF in 1/sr, no cosine factor", "f / cos"),
+        *("f*cos(theta_i)", "brdf*pi", "BRDF in %/sr", "1000 brdf", "brdf (log10)", "BRDF dB/sr", "radiance factor"),
+    ],
+)
+def test_what_is_not_exactly_understood_is_refused_and_not_guessed(tmp_path, words):
+    path = tmp_path / "mine.csv"
+    for text in (table(head=f"# values: {words}\n"), one_column(words.replace(",", " "))):
+        path.write_text(text)
+        with pytest.raises(MeasuredError, match=r"f, f cos, reflectance factor$|no column of values"):
+            brdfatlas.formats.reader.check(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (table(head="# cos theta is not included in the values\n"), r"line 1: 'cos theta is .* write # values: "),
+        (table(head="# values are 1000 f\n"), r"line 1: 'values are 1000 f'; write # values: "),
+        (table(head="# cos theta is included\n# values: f\n"), "f"),
+        (table(head="# converted from radians to degrees\n"), "f"),
+        (table(head="# unit: W / m^2 sr, radiance of a lamp\n"), "f"),
+        (one_column("x,y,value", "9,9,0.2"), "f"),
+        (one_column("Y,brdf", "9,0.2"), "f"),
+        (one_column("f,f_cos", "0.2,0.2"), "columns f and fcos may all be the values; keep one"),
+        (one_column("value,brdf", "0.2,0.2"), "columns value and brdf may all be the values; keep one"),
+        (one_column("r,g,b,f_cos", "0.2,0.2,0.2,9"), "f"),
+        (one_column("f_cos", head="# values: f\n"), "a column of f cos, before: 'f'"),
+        (one_column("r (log10),g (log10),b (log10)", "1,1,1"), "no column of values"),
+    ],
+)
+def test_the_quantity_is_that_of_the_chosen_column(tmp_path, text, found):
+    if found == "f":
+        assert quantity_read(tmp_path, text) == "f"
+    else:
+        with pytest.raises(MeasuredError, match=found):
+            quantity_read(tmp_path, text)
 
 
 BAD_PARAMETERS = {

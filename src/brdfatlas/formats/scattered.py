@@ -375,7 +375,8 @@ def on_sphere(path, columns: np.ndarray, places: np.ndarray, unit: str):
         theta, phi = columns[:, 0::2], columns[:, 1::2]
         small = np.abs(theta).max() <= np.pi / 2 + 1e-3 and np.abs(phi).max() <= 2 * np.pi + 1e-3
         if unit == "degrees" and small and len(columns) > 1:
-            raise MeasuredError(f"{path}: no angle above {np.abs(columns).max():.3g}: radians? Degrees are wanted")
+            told = f"no angle above {np.abs(columns).max():.3g}: radians? Degrees are wanted, or # angles: radians"
+            raise MeasuredError(f"{path}: {told}")
         if unit == "radians" and (np.abs(theta).max() > 2 * np.pi or np.abs(phi).max() > 4 * np.pi):
             at = int(np.argmax(np.abs(columns).max(1)))
             raise MeasuredError(

@@ -4,6 +4,7 @@ Columns theta_i, phi_i, theta_o, phi_o in degrees, or wi_x, wi_y, wi_z, wo_x, wo
 Separated by commas, semicolons, tabs or spaces. Lines before the names of the columns that begin with ``#`` say what
 the values are and where they come from: ``# values: f`` (1/sr), ``# values: f cos`` (times cos theta_o) or ``#
 values: reflectance factor`` (pi f); ``# angles: radians``; ``# source:``, ``# instrument:``, ``# note:`` as they are.
+What is said of the values in other words is refused: to take them for something else would be off by a cosine or by pi.
 """
 
 import os
@@ -34,11 +35,15 @@ ALIASES = {
     **{prefix + letter: letter for prefix in ("", "f", "rho") for letter in COLOURS},
     **dict(zip(("red", "green", "blue"), COLOURS)),
 }
-SINGLE = {
-    **dict.fromkeys(("value", "f", "brdf", "luminance", "y"), ""),
-    **dict.fromkeys(("fcos", "fcostheta", "fcosthetao", "brdfcos"), F_COS),
-    **dict.fromkeys(("reflectancefactor", "rf", "pif"), FACTOR),
-}
+#: Columns of one value that do not say which.
+UNSAID = ("value", "luminance")
+_F = "(f|fr|fs|brdf)"
+#: Words of QUANTITIES, as :func:`_plain` leaves them.
+_WORDS = {F: _F, F_COS: f"{_F}(times)?cos(ine)?(of)?(theta[orsv]?)?", FACTOR: f"(reflectancefactor|rf|brf|(pi|π){_F})"}
+#: A comment that may speak of quantities, and the unit that f and f cos have.
+_SPEAKS = re.compile(r"^values?\b|(?<![a-z])f?cos(ine)?s?(?![a-z])|cos_?(theta|θ)|(reflectance|radiance) factor")
+_ANGLE = re.compile(r"\b(deg|rad)(rees?|ians?)?\b")
+_UNIT = re.compile(r"(\bin\s+)?[\[(]?(1\s*/\s*sr|sr\s*(\^|\*\*)?\s*[{(]?-\s*1[})]?|sr⁻¹)[\])]?$")
 
 
 @dataclass
@@ -50,7 +55,8 @@ class _Header:
     separator: str | None = ","
     quantity: str = ""
     stated: str = ""
-    radians: bool = False
+    unclear: str = ""
+    angles: str = ""
     line: int = 0
 
 
@@ -70,14 +76,21 @@ def _letters(name: str) -> str:
     return re.sub(r"[^a-z]", "", re.sub(r"_?(deg|rad|degrees|radians)$", "", name.strip()))
 
 
+def _plain(text: str) -> str:
+    """``text`` in small letters without 1/sr at its end, spaces and signs of multiplication; all else stays."""
+    text = _UNIT.sub("", text.strip().strip('"').lower()).replace("θ", "theta")
+    return re.sub(r"[\s_*·⋅×(){}\\$]", "", text)
+
+
+def _column(name: str) -> str:
+    """A direction's column whatever stands in brackets behind its name; any other by its whole name."""
+    direction = ALIASES.get(_letters(name), "")
+    return direction if direction in (*ANGLES, *VECTORS) else ALIASES.get(_plain(name), _plain(name))
+
+
 def quantity_of(text: str) -> str | None:
-    """Which of QUANTITIES a person's words mean; None if none."""
-    letters = re.sub(r"[^a-zπ]", "", text.lower().replace("\\", ""))
-    if "reflectancefactor" in letters or "radiancefactor" in letters or letters in ("rf", "pif", "πf", "pibrdf"):
-        return FACTOR
-    if "cos" in letters:
-        return F_COS
-    return F if letters in ("f", "fr", "fs") or letters.startswith("brdf") or letters.endswith("sr") else None
+    """Which of QUANTITIES a person's words mean; None if that is not certain."""
+    return next((quantity for quantity, words in _WORDS.items() if re.fullmatch(words, _plain(text))), None)
 
 
 def _header(path: Path, lines: list[str]) -> _Header:
@@ -95,17 +108,27 @@ def _header(path: Path, lines: list[str]) -> _Header:
     names = lines[header.line - 1]
     header.separator = next((s for s in ";,\t" if s in names), None)
     raw = [name.strip() for name in names.split(header.separator)]
-    header.columns = [ALIASES.get(_letters(name), _letters(name)) for name in raw]
-    header.radians |= any(re.search(r"rad(ians)?\b", name.lower().replace("_", " ")) for name in raw)
-    for column in header.columns:
-        header.quantity = header.quantity or SINGLE.get(column, "")
+    header.columns = [_column(name) for name in raw]
+    for name, column in zip(raw, header.columns):
+        unit = _ANGLE.search(name.lower().replace("_", " "))
+        if unit and column in ANGLES:
+            _angles(path, header.line, unit, header)
     return header
+
+
+def _angles(path: Path, number: int, said: re.Match, header: _Header) -> None:
+    unit = "degrees" if said[1] == "deg" else "radians"
+    if header.angles not in ("", unit):
+        raise MeasuredError(f"{path}: line {number}: angles in {unit}, before: {header.angles}; keep the right one")
+    header.angles = unit
 
 
 def _comment(path: Path, number: int, text: str, header: _Header) -> None:
     key, colon, value = (part.strip() for part in text.partition(":"))
-    key = key.lower()
-    if colon and key in ("values", "value", "quantity"):
+    key, bare = key.lower(), re.sub(r"^values? (are|is) ", "", text.lower())
+    if not colon and _SPEAKS.search(text.lower()) and quantity_of(bare):
+        key, value = "values", bare
+    if key in ("values", "value", "quantity"):
         before, header.quantity = header.stated, quantity_of(value) or ""
         header.stated = header.quantity
         if before not in ("", header.quantity):
@@ -113,17 +136,18 @@ def _comment(path: Path, number: int, text: str, header: _Header) -> None:
                 f"{path}: line {number}: values: {value[:40]!r}, before: {before!r}; keep the right one"
             )
         if not header.quantity:
-            raise MeasuredError(f"{path}: line {number}: values: {value[:40]!r}; write one of: {', '.join(QUANTITIES)}")
-    elif colon and key in ("angles", "unit", "units", "angle") and re.search("deg|rad", value.lower()):
-        header.radians = "rad" in value.lower()
+            raise MeasuredError(f"{path}: line {number}: values: {value[:60]!r}; write one of: {', '.join(QUANTITIES)}")
+    elif colon and (key in ("angle", "angles") or (key in ("unit", "units") and _ANGLE.search(value.lower()))):
+        unit = _ANGLE.fullmatch(value.lower())
+        if not unit:
+            raise MeasuredError(f"{path}: line {number}: {key}: {value[:60]!r}; write # angles: degrees, or radians")
+        _angles(path, number, unit, header)
     elif colon and key in ("source", "instrument", "note"):
         header.said[key] = "".join(c if c.isprintable() else " " for c in value)[:500]
     elif colon and key == "kind" and value in KINDS:
         header.said[key] = value
-    elif not header.quantity and re.search(r"reflectance factor|cos\W*theta|f\W*cos", text.lower()):
-        header.quantity = quantity_of(text) or ""
-    elif "radians" in text.lower():
-        header.radians = True
+    elif _SPEAKS.search(text.lower()):
+        header.unclear = header.unclear or f"line {number}: {text[:60]!r}"
 
 
 def _wanted() -> str:
@@ -143,10 +167,22 @@ def _columns(path: Path, header: _Header) -> tuple[list[int], list[int]]:
     values = [name for name in COLOURS if name in known]
     if len(values) not in (0, 3):
         raise MeasuredError(f"{path}: line {header.line}: of r, g, b only {', '.join(values)}; {_wanted()}")
-    values = values or [name for name in known if name in SINGLE][:1]
-    if not values:
+    if values:
+        return [known.index(name) for name in wanted], [known.index(name) for name in values]
+    places = [at for at, name in enumerate(known) if name in UNSAID or quantity_of(name)]
+    if not places:
         raise MeasuredError(f"{path}: line {header.line}: no column of values; {_wanted()}")
-    return [known.index(name) for name in wanted], [known.index(name) for name in values]
+    if len(places) > 1:
+        told = " and ".join(known[at] for at in places)
+        raise MeasuredError(f"{path}: line {header.line}: columns {told[:80]} may all be the values; keep one")
+    named = quantity_of(known[places[0]])
+    if named in (F_COS, FACTOR):  # a column of another quantity is often called f
+        if header.quantity not in ("", named):
+            raise MeasuredError(
+                f"{path}: line {header.line}: a column of {named}, before: {header.quantity!r}; keep the right one"
+            )
+        header.quantity = named
+    return [known.index(name) for name in wanted], places
 
 
 def _rows(path: Path, lines: list[str], header: _Header) -> tuple[np.ndarray, np.ndarray]:
@@ -181,12 +217,14 @@ def _load(path: str | os.PathLike) -> tuple[Samples, dict[str, str], tuple[str, 
     lines = read_text(path, MOST_BYTES).splitlines()
     header = _header(path, lines)
     directions, channels = _columns(path, header)
+    if header.unclear and not header.quantity:
+        raise MeasuredError(f"{path}: {header.unclear}; write # values: and one of: {', '.join(QUANTITIES)}")
     rows, places = _rows(path, lines, header)
     used = rows[:, directions + channels]
     if not np.isfinite(used).all():
         at = int(np.flatnonzero(~np.isfinite(used).all(1))[0])
         raise MeasuredError(f"{path}: line {places[at]}: NaN or Inf; remove the row or correct it")
-    unit = "vectors" if len(directions) == 6 else "radians" if header.radians else "degrees"
+    unit = "vectors" if len(directions) == 6 else header.angles or "degrees"
     wi, wo, keep, warnings = on_sphere(path, rows[:, directions], places, unit)
     values = rows[np.ix_(keep, channels)]
     if header.quantity == F_COS:

@@ -18,7 +18,7 @@ from brdfatlas.pipeline.standins import standin_names
 from brdfatlas.settings import LONGEST_NAME, NAME, ConfigError
 
 #: Of what :func:`_fault` looks for: verdicts of an older one are not believed.
-EDITION = 3
+EDITION = 4
 #: Where measurements are looked for if the configuration names no other folder.
 MEASURED_FOLDER, MERL_FOLDER = "data/measured", "data/merl"
 #: Names that pages, folders and rules of the run have; a material cannot.
