@@ -49,7 +49,8 @@ class Provenance:
 class Measured:
     """A BRDF on the MERL grid.
 
-    ``table``: (90, 90, 180, 3) float32, 1/sr without the cosine, rgb last, NaN where nothing was measured.
+    ``table``: (90, 90, 180, 3) float32, 1/sr without the cosine, rgb last, NaN in all channels where nothing was
+    measured; (90, 90, 360, 3) on the full circle. MeasuredError for anything else.
     ``standin``: True for a material built from published fits; it must never be shown as a measurement.
     ``distance``: of scattered data, GRID_SHAPE float32: degrees to the nearest sample, NaN where the table is.
     ``samples``: of scattered data, (n, 3): theta_h, theta_d, phi_d of the samples in radians.
@@ -63,6 +64,19 @@ class Measured:
     provenance: Provenance = Provenance()
     distance: np.ndarray | None = None
     samples: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        shape, dtype = np.shape(self.table), getattr(self.table, "dtype", None)
+        if shape not in ((*GRID_SHAPE, 3), (*GRID_SHAPE[:2], 2 * N_PHI_D, 3)):
+            raise MeasuredError(f"{self.name}: a table of shape {shape}; {(*GRID_SHAPE, 3)} is needed")
+        if dtype is None or dtype.kind != "f":
+            raise MeasuredError(f"{self.name}: a table of {dtype}; floating point numbers are needed (float32)")
+        missing = np.isnan(self.table)
+        partly = int((missing.any(-1) & ~missing.all(-1)).sum())
+        if partly:
+            raise MeasuredError(f"{self.name}: NaN in some channels of {partly:,} cells; it is in all or in none")
+        if np.isinf(self.table).any():
+            raise MeasuredError(f"{self.name}: the table holds Inf; NaN is for cells that were not measured")
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Measured):
@@ -89,7 +103,13 @@ class Measured:
         return extend(self.table, self.valid)
 
     def evaluate(self, wi, wo) -> np.ndarray:
-        """rgb in 1/sr at directions (..., 3), trilinear, extended beyond the horizon; 0 below the surface."""
+        """rgb in 1/sr at unit vectors (..., 3), trilinear, extended beyond the horizon; 0 below the surface. ValueError
+        for vectors of another length."""
+        for w in (wi, wo):
+            length = np.linalg.norm(w, axis=-1)
+            off = np.abs(length - 1) > 1e-3  # not of NaN, whose value is NaN
+            if off.any():
+                raise ValueError(f"a direction of length {np.extract(off, length)[0]:.4g}; unit vectors are needed")
         return look_up(self.extended, wi, wo)
 
     def evaluate_measured(self, wi, wo) -> np.ndarray:

@@ -177,6 +177,7 @@ def broken():
         "negative": (container(fields | {"vndf": -fields["vndf"]}), "negative"),
         "black": (container(fields | {"rgb": 0 * fields["rgb"]}), "black"),
         "huge": (container(fields | {"rgb": 1e30 * fields["rgb"]}), "the most accepted"),
+        "no area": (container(fields | {"sigma": np.eye(2, 8, 7, "f4")}), "field 'sigma' is 0 at some angle"),
         "lying": (bytes(lying), "truncated"),
     }
 

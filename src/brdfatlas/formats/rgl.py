@@ -137,6 +137,8 @@ def read_tensors(path: str | os.PathLike) -> Tensors:
             raise MeasuredError(f"{path}: field {name!r} has shape {values.shape}, two nodes a side are needed")
         if name != "rgb" and values.min() < 0:
             raise MeasuredError(f"{path}: field {name!r} has negative values, a density has none")
+        if name == "sigma" and values.min() == 0:  # f is divided by it
+            raise MeasuredError(f"{path}: field 'sigma' is 0 at some angle, a projected area is not")
     if not sigma.max() > 0 or not ndf.max() > 0 or not rgb.max() > 0:
         raise MeasuredError(f"{path}: black, 'sigma', 'ndf' or the colours are 0 everywhere")
     jacobian = bool(_tensor(path, fields, "jacobian", (1,))[0])

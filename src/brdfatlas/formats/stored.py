@@ -4,9 +4,11 @@ A line that says so, a line of JSON (everything but the arrays; their names, typ
 """
 
 import json
+import math
 import os
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from brdfatlas.angles import GRID_SHAPE
 from brdfatlas.files import atomic_path
 from brdfatlas.formats.files import check_values, read_bytes, size_of
 from brdfatlas.measured import KINDS, Measured, MeasuredError, Provenance
+from brdfatlas.settings import LONGEST_NAME, NAME
 
 TITLE = "stored table"
 ENDINGS = (".measured",)
@@ -53,21 +56,39 @@ def _fit(shapes: dict[str, tuple[int, ...]]) -> bool:
     return known and fixed and len(samples) == 2 and samples[1] == 3 and 0 <= samples[0] <= MOST_SAMPLES
 
 
+def _about(header: dict[str, Any]) -> Provenance:
+    """The provenance of a header. TypeError, or what Python raises, where a part is not of the type that it has."""
+    provenance, shapes = header["provenance"], header["shapes"]
+    if not isinstance(provenance["warnings"], list):
+        raise TypeError("warnings")
+    about = Provenance(**provenance | {"warnings": tuple(provenance["warnings"])})
+    texts = (header["name"], header["path"] or "", about.format, about.source, about.instrument, about.note)
+    typed = [isinstance(text, str) for text in (*texts, *about.warnings)]
+    typed += [isinstance(share, int | float) and 0 <= share <= 1 for share in about.shares.values()]
+    typed += [type(n) is int for shape in shapes.values() for n in shape]
+    if not (all(typed) and isinstance(header["standin"], bool) and about.kind in KINDS):
+        raise TypeError("header")
+    return about
+
+
 def read(path: str | os.PathLike) -> Measured:
     """What :func:`write` wrote. MeasuredError, one line, for anything else."""
     try:
         line = read_bytes(path, HEADER_BYTES)[len(MAGIC) :].split(b"\n", 1)[0]
         header = json.loads(line)
-        provenance = dict(header["provenance"])
-        shapes = {str(name): tuple(int(n) for n in shape) for name, shape in header["shapes"].items()}
-        about = Provenance(**provenance | {"warnings": tuple(map(str, provenance["warnings"]))})
-        name, source = str(header["name"]), header["path"]
+        about = _about(header)
+        shapes = {name: tuple(shape) for name, shape in header["shapes"].items()}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise MeasuredError(f"{path}: its header cannot be read; convert the measurement again") from None
+    name, source = header["name"], header["path"]
+    if not NAME.match(name) or len(name) > LONGEST_NAME:
+        raise MeasuredError(
+            f"{path}: holds a material called {name[:80]!r}; a name has letters, digits, '.', '_' and '-', "
+            f"{LONGEST_NAME} at most; rename the measurement and convert it again"
+        )
     start = len(MAGIC) + len(line) + 1
-    counts = {key: int(np.prod(shape)) for key, shape in shapes.items()}
-    whole = size_of(path) == start + 4 * sum(counts.values())
-    if not (_fit(shapes) and whole and about.kind in KINDS):
+    counts = {key: math.prod(shape) for key, shape in shapes.items()}
+    if not (_fit(shapes) and size_of(path) == start + 4 * sum(counts.values())):
         raise MeasuredError(f"{path}: truncated or changed; convert the measurement again")
     numbers = np.frombuffer(read_bytes(path, 4 * sum(counts.values()), start), "<f4")
     arrays, place = {}, 0
@@ -75,10 +96,13 @@ def read(path: str | os.PathLike) -> Measured:
         arrays[key] = numbers[place : place + counts[key]].reshape(shape).copy()
         place += counts[key]
     table = arrays.pop("table")
-    check_values(path, table[~np.isnan(table[..., 0])])
-    if np.isnan(table).all():
+    valid = ~np.isnan(table).all(-1)
+    check_values(path, table[valid])
+    if not valid.any():
         raise MeasuredError(f"{path}: no valid cell; convert the measurement again")
-    return Measured(name, table, bool(header.get("standin")), Path(source) if source else None, about, **arrays)
+    if table[valid].min() < 0:
+        raise MeasuredError(f"{path}: negative values, which are no reflectance; convert the measurement again")
+    return Measured(name, table, header["standin"], Path(source) if source else None, about, **arrays)
 
 
 check = read

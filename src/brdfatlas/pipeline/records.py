@@ -5,6 +5,7 @@ import platform
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
 from brdfatlas.constants import ABSENT
 from brdfatlas.files import read_json, write_json
+from brdfatlas.formats.files import name_of
 from brdfatlas.formats.reader import read, stored
 from brdfatlas.measured import Measured, MeasuredError
 from brdfatlas.measures.diffuseness import diffuseness, material_class
@@ -50,14 +52,17 @@ def describe_material(measured: Measured) -> dict[str, Any]:
 
 
 def read_material_job(source: str, output: str) -> None:
-    """Put a file on the grid and keep the result; warnings go to the log and to the terminal."""
+    """Put a file on the grid and keep the result; warnings go to the log and to the terminal.
+
+    Name and path are those of this file, whatever a stored table says that was copied or renamed.
+    """
     try:
         measured = read(source)
     except MeasuredError as error:
         raise SystemExit(str(error)) from None
     for warning in measured.provenance.warnings:
         print(f"{source}: {warning}", file=sys.stderr)
-    stored.write(output, measured)
+    stored.write(output, replace(measured, name=name_of(source), path=Path(source)))
 
 
 def describe_material_job(binary: str, standin: bool, output: str) -> None:

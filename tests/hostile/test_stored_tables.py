@@ -1,0 +1,133 @@
+"""Stored tables, and tables made by hand, that hold what no reader would let through: one line, and no fit of them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import brdfatlas
+from brdfatlas.angles import GRID_SHAPE, above_horizon
+from brdfatlas.files import read_json
+from brdfatlas.formats import stored
+from brdfatlas.measured import Measured, MeasuredError
+from brdfatlas.pipeline.materials import check_files
+from brdfatlas.pipeline.records import describe_material_job, read_material_job
+
+
+def grey():
+    table = np.full((*GRID_SHAPE, 3), 0.1, np.float32)
+    table[~above_horizon()] = np.nan
+    return table
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory):
+    """Header and numbers of a sound stored table."""
+    path = tmp_path_factory.mktemp("stored") / "felt.measured"
+    stored.write(path, Measured("felt", grey()))
+    line, numbers = path.read_bytes()[len(stored.MAGIC) :].split(b"\n", 1)
+    return json.loads(line), np.frombuffer(numbers, "<f4").reshape(*GRID_SHAPE, 3)
+
+
+def write(path, header, table):
+    path.write_bytes(stored.MAGIC + json.dumps(header).encode() + b"\n" + table.tobytes())
+    return path
+
+
+def changed(header, **changes):
+    provenance = header["provenance"] | {k: v for k, v in changes.items() if k in header["provenance"]}
+    return header | {k: v for k, v in changes.items() if k in header} | {"provenance": provenance}
+
+
+BAD_HEADERS = [
+    *({"path": 5}, {"path": ["a"]}, {"standin": "no"}, {"shares": None}, {"shares": {"a": "b"}}, {"shares": [1]}),
+    *(
+        {"shares": {"a": float("nan")}},
+        {"shapes": {"table": [float("inf")]}},
+        {"shapes": {"table": [90.0, 90, 180, 3]}},
+    ),
+    *({"shapes": {"table": [-90, -90, 180, 3]}}, {"shapes": [1]}, {"shapes": None}, {"warnings": "abc"}),
+    *({"warnings": [1]}, {"note": {}}, {"kind": []}, {"kind": "x"}, {"provenance": []}, {"name": None}),
+    *({"name": name} for name in ("", "x/y", "..", "a\nb", "\x1b[31m", "n" * 81, "a b")),
+]
+
+
+@pytest.mark.parametrize("changes", BAD_HEADERS, ids=lambda changes: ascii(changes)[:40])
+def test_a_header_of_other_types_is_refused_in_one_line(tmp_path, parts, changes):
+    header, table = parts
+    bad = header | changes if "provenance" in changes else changed(header, **changes)
+    path = write(tmp_path / "bad.measured", bad, table)
+    verdict = check_files({"bad": path}, tmp_path / "none.json")[str(path)]["reason"]
+    assert verdict.startswith(f"{path}: ")
+    assert "again" in verdict
+    assert verdict.isprintable()
+
+
+def test_a_damaged_header_is_told_on_the_command_line(refused, parts):
+    write(refused.folder / "bad.measured", changed(parts[0], path=5), parts[1])
+    refused(["info", "bad.measured"], "bad.measured: its header cannot be read; convert")
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda t: -t, "negative values"),
+        (lambda t: np.concatenate([t[..., :1] * np.nan, t[..., 1:]], -1), "NaN or Inf"),
+        (lambda t: np.concatenate([t[..., :1] * np.nan, t[..., 1:] * np.inf], -1), "NaN or Inf"),
+    ],
+)
+def test_stored_numbers_that_are_no_reflectance_are_refused(tmp_path, parts, change, told):
+    path = write(tmp_path / "bad.measured", parts[0], change(parts[1]))
+    with pytest.raises(MeasuredError, match=rf"bad\.measured: .*{told}"):
+        brdfatlas.read(path)
+
+
+@pytest.mark.parametrize("other_is_there", [False, True])
+def test_the_record_of_a_copied_table_is_of_the_copy(tmp_path, parts, other_is_there):
+    """The path and name that it was stored under lead nowhere, or to a file that is another one now."""
+    other = tmp_path / "other.binary"
+    if other_is_there:
+        other.write_bytes(b"another")
+    copy = write(tmp_path / "copy.measured", changed(parts[0], path=str(other)), parts[1])
+    read_material_job(str(copy), str(tmp_path / "job.measured"))
+    describe_material_job(str(tmp_path / "job.measured"), False, str(tmp_path / "copy.json"))
+    record = read_json(tmp_path / "copy.json")
+    assert (record["name"], record["source"]) == ("copy", str(copy))
+    assert record["sha256"] == stored_digest(copy)
+
+
+def stored_digest(path):
+    return brdfatlas.files.digests(path.parent, [path.name])[path.name]
+
+
+def spoilt(values, at=(10, 0, 90)):
+    table = grey()
+    table[at] = values
+    return table
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: spoilt([np.inf, 1, 1]), "holds Inf"),
+        (lambda: spoilt([np.nan, 1, 1]), "NaN in some channels of 1 cells"),
+        (lambda: spoilt([1, 1, np.nan]), "NaN in some channels of 1 cells"),
+        (lambda: grey()[:, :, :90], r"shape \(90, 90, 90, 3\)"),
+        (lambda: np.ones((*GRID_SHAPE, 3), int), "a table of int64"),
+        (lambda: None, r"shape \(\)"),
+    ],
+)
+def test_a_table_made_by_hand_is_checked_before_anything_is_fitted_to_it(make, told):
+    with pytest.raises(MeasuredError, match=f"^hand: .*{told}"):
+        Measured("hand", make())
+    with pytest.raises(MeasuredError, match=told):
+        replace(Measured("hand", grey()), table=make())
+
+
+def test_directions_that_are_no_unit_vectors_are_refused():
+    measured, up = Measured("felt", grey()), np.array([0.0, 0.0, 1.0])
+    assert np.isnan(measured.evaluate(up * np.nan, up)).all()
+    for wi, wo in [(2 * up, up), (up, np.stack([up, 0.9 * up])), (0 * up, up)]:
+        with pytest.raises(ValueError, match=r"a direction of length .*; unit vectors are needed"):
+            measured.evaluate(wi, wo)
