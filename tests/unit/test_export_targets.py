@@ -11,7 +11,7 @@ from test_engine_models import NAMES, drawn
 
 import brdfatlas
 from brdfatlas.cli import main
-from brdfatlas.export.facts import ExportError
+from brdfatlas.export.facts import ExportError, facts, with_report
 from brdfatlas.export.gltf import gltf_of, read_gltf_material, sphere
 from brdfatlas.export.materialx import materialx_of
 from brdfatlas.export.mitsuba import mitsuba_dict
@@ -292,9 +292,36 @@ def test_an_unknown_target_names_the_known_ones(tmp_path):
 def test_the_report_beside_a_fit_says_how_good_it_is(tmp_path):
     fit = fit_of("gltf")
     fit.save(tmp_path / "fit.npz")
-    (tmp_path / "fit.json").write_text(json.dumps({"objective": 0.5, "objective_name": "E2 (Löw 2012)"}))
+    report = report_of(fit) | {"objective": 0.5, "objective_name": "E2 (Löw 2012)"}
+    (tmp_path / "fit.json").write_text(json.dumps(report))
     assert main(["export", str(tmp_path / "fit.npz"), "--to", "gltf", "-o", str(tmp_path / "a.gltf")]) == 0
     assert json.loads((tmp_path / "a.gltf").read_text())["asset"]["extras"]["error"] == "0.5 (E2 (Löw 2012))"
+
+
+def report_of(fit):
+    return {"material": fit.material, "entry": fit.entry, "model": fit.model}
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"objective": None}, ""),  # of given parameters
+        ({"objective": "abc"}, "its objective is no number"),
+        ({"objective": 0.5, "objective_name": 5}, "its objective is no number"),
+        ({"objective": [0.5]}, "its objective is no number"),
+        ({"objective": 0.5, "material": "another"}, "its material is another"),
+        ({"objective": 0.5, "entry": "another"}, "its entry is another"),
+        ({"objective": 0.5, "model": "ggx"}, "its model is another"),
+        ({"objective": 0.5, "model": None}, "its model is another"),
+    ],
+)
+def test_a_report_of_another_fit_is_not_believed(tmp_path, capsys, changes, told):
+    fit = replace(fit_of("gltf"), report={})
+    (tmp_path / "fit.json").write_text(json.dumps(report_of(fit) | {"objective_name": "x"} | changes))
+    assert facts(with_report(fit, tmp_path / "fit.npz"))["error"] == "not stored with the fit"
+    said = capsys.readouterr().err
+    assert told in said
+    assert said.count("\n") == bool(told)
 
 
 def test_gltf_refuses_what_it_cannot_hold():

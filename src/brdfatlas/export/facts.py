@@ -1,6 +1,7 @@
 """What every exported material says of itself, whatever its format."""
 
 import os
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfatlas.files import read_json
+from brdfatlas.files import read_json, shown
 from brdfatlas.fits import Fit
 
 
@@ -46,7 +47,7 @@ def facts(fit: Fit, more: Mapping[str, Any] | None = None) -> dict[str, str]:
 
     model = fit.instance
     error = "not stored with the fit"
-    if "objective" in fit.report:
+    if fit.report.get("objective") is not None:
         error = f"{fit.report['objective']:.6g} ({fit.report['objective_name']})"
     told = {
         "material": fit.material + (" (a stand-in, not a measurement)" if fit.standin else ""),
@@ -62,7 +63,10 @@ def facts(fit: Fit, more: Mapping[str, Any] | None = None) -> dict[str, str]:
 
 
 def with_report(fit: Fit, path: str | os.PathLike) -> Fit:
-    """The fit with the report that a run wrote beside its file (.json), if there is one: how good it is."""
+    """The fit with the report that a run wrote beside its file (.json), if there is one: how good it is.
+
+    A report of another fit, or one that no run wrote, is left aside with a line on stderr.
+    """
     beside = Path(path).with_suffix(".json")
     if fit.report or not beside.is_file():
         return fit
@@ -72,4 +76,11 @@ def with_report(fit: Fit, path: str | os.PathLike) -> Fit:
         return fit
     if not isinstance(report, dict) or "objective_name" not in report:
         return fit  # another program's file of that name
+    wanted = {"material": fit.material, "entry": fit.entry, "model": fit.model}
+    other = [key for key, value in wanted.items() if report.get(key) != value]
+    typed = isinstance(report.get("objective"), int | float | None) and not isinstance(report.get("objective"), bool)
+    if other or not typed or not isinstance(report["objective_name"], str):
+        fault = f"its {other[0]} is another" if other else "its objective is no number"
+        print(f"{shown(beside)}: not the report of {shown(path)} ({fault}); the error is left out", file=sys.stderr)
+        return fit
     return replace(fit, report=report)
