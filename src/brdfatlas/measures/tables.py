@@ -24,7 +24,7 @@ from brdfatlas.measures.ranking import (
     significant,
     subtract,
 )
-from brdfatlas.measures.tsv import read_tsv, write_tsv
+from brdfatlas.measures.tsv import BRDF, ERRORS, PAIRS, read_tsv, write_tsv
 from brdfatlas.models.published import published_means, published_names, published_psnr
 
 CLASSES = ("all", "diffuse", "glossy", "specular")
@@ -271,13 +271,13 @@ def write_tables(
 ) -> None:
     """Write errors.tsv and brdf.tsv (all rows), summary.tsv, summary_brdf.tsv, wins.tsv and published.tsv."""
     folder = Path(folder)
-    all_errors, all_brdf, classes = read_tsv(errors), read_tsv(brdf), read_classes(descriptions)
+    all_errors, all_brdf, classes = read_tsv(errors, ERRORS), read_tsv(brdf, BRDF), read_classes(descriptions)
     words = classes.assign(**{c: classes[c].map({True: "yes", False: "no"}) for c in KINDS.values()})
     write_tsv(folder / "errors.tsv", all_errors.merge(words, on="material", how="left"))
     write_tsv(folder / "brdf.tsv", all_brdf.merge(words, on="material", how="left"))
     write_tsv(folder / "summary.tsv", summarise(all_errors, classes, models))
     write_tsv(folder / "summary_brdf.tsv", summarise_brdf(all_brdf, classes, models))
-    joint = read_tsv(pairs) if len(pairs) else None
+    joint = read_tsv(pairs, PAIRS) if len(pairs) else None
     duels = [count_wins(all_errors, classes, models, measure=measure, pairs=joint) for measure in RANKED]
     write_tsv(folder / "wins.tsv", pd.concat(duels, ignore_index=True))
     write_tsv(folder / "published.tsv", beside_published(all_errors, classes, models))

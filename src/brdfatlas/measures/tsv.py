@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -25,6 +25,10 @@ TEXT_COLUMNS = (
     "note",
     "source",
 )
+
+#: Columns that tables of errors have whatever they measure.
+ERRORS, BRDF = ("material", "model", "scene", "status"), ("material", "model")
+PAIRS = ("material", "scene", "model", "other")
 
 #: What a spreadsheet may run; apostrophes before it, so that taking one off gives back what was.
 FORMULA = re.compile(r"'*[=+\-@\t\r]")
@@ -50,17 +54,26 @@ def _unguarded(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and FORMULA.match(cell) else cell
 
 
-def read_tsv(paths: Iterable[str | os.PathLike] | str | os.PathLike) -> pd.DataFrame:
+def read_tsv(paths: Iterable[str | os.PathLike] | str | os.PathLike, columns: Sequence[str] = ()) -> pd.DataFrame:
     """One table from the files that :func:`write_tsv` wrote; columns of TEXT_COLUMNS stay text, others are numbers.
 
-    An empty cell among numbers is NaN. ValueError for a word there, and for a file that was cut off.
+    An empty cell among numbers is NaN. ValueError naming the file for a word there, for one that was cut off, and for
+    one without the ``columns`` that it should have.
     """
     files = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     for path in files:
         if not Path(path).read_bytes().endswith(b"\n"):
             raise ValueError(f"{path}: cut off, the last line has no end")
-    tables = [pd.read_csv(path, sep="\t", dtype=str, na_filter=False) for path in files]
-    table = pd.concat(tables, ignore_index=True)
-    table = table.map(_unguarded)
-    numbers = [name for name in table.columns if name not in TEXT_COLUMNS]
-    return table.assign(**{name: table[name].replace("", "nan").astype(float) for name in numbers})
+    return pd.concat([_read_table(path, columns) for path in files], ignore_index=True)
+
+
+def _read_table(path: str | os.PathLike, columns: Sequence[str]) -> pd.DataFrame:
+    try:
+        table = pd.read_csv(path, sep="\t", dtype=str, na_filter=False).map(_unguarded)
+        missing = [name for name in columns if name not in table]
+        if missing:
+            raise ValueError(f"no column {', '.join(missing)}")
+        numbers = [name for name in table.columns if name not in TEXT_COLUMNS]
+        return table.assign(**{name: table[name].replace("", "nan").astype(float) for name in numbers})
+    except ValueError as error:
+        raise ValueError(f"{path}: not a table that a run writes ({error})") from None

@@ -5,22 +5,34 @@ import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from brdfatlas.files import UNFINISHED, read_json, write_text
 
 HOUR = 3600.0
 
 
+def read_record(path: str | os.PathLike, *keys: str) -> Mapping[str, Any]:
+    """What a job wrote as JSON, with these keys. ValueError naming the file for anything else."""
+    record = read_json(path)
+    if not isinstance(record, Mapping) or not set(keys) <= record.keys():
+        raise ValueError(f"{path}: not what a run writes there ({', '.join(keys) or 'names'} wanted)")
+    return record
+
+
 def listed_files(listing: str | os.PathLike, folder: str | os.PathLike) -> list[Path]:
     """Files in ``folder`` that the listing of a job, {kind: {name: SHA-256}}, names."""
-    return [Path(folder) / name for names in read_json(listing).values() for name in names]
+    kinds = read_record(listing).values()
+    if not all(isinstance(names, Mapping) for names in kinds):
+        raise ValueError(f"{listing}: not a list of files that a run writes")
+    return [Path(folder) / name for names in kinds for name in names]
 
 
 def missing_files(listing: str | os.PathLike, folder: str | os.PathLike) -> list[Path]:
     """Listed files that are gone; none where there is no listing (yet) or where it cannot be read."""
     try:
         return [path for path in listed_files(listing, folder) if not path.exists()]
-    except (OSError, ValueError, AttributeError, TypeError):
+    except (OSError, ValueError):
         return []
 
 
@@ -32,7 +44,10 @@ def record_reports_job(
     record = Path(record)
     listed = [path for listing, folder in listings.items() for path in listed_files(listing, folder)]
     made = {str(path) for path in [*map(Path, files), *listed] if Path(path).parts[0] == "reports"}
-    lines = record.read_text(encoding="utf-8").splitlines() if record.exists() else []
+    try:
+        lines = record.read_text(encoding="utf-8").splitlines() if record.exists() else []
+    except UnicodeDecodeError:
+        raise ValueError(f"{record}: not UTF-8, no record that a run writes") from None
     for digest, _, name in (line.partition("\t") for line in lines):
         path = Path(name)
         if name in made or path.parts[:1] != ("reports",) or ".." in path.parts or not path.is_file():

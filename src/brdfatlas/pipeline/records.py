@@ -15,12 +15,13 @@ import numpy as np
 from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
 from brdfatlas.constants import ABSENT
-from brdfatlas.files import read_json, write_json
+from brdfatlas.files import write_json
 from brdfatlas.formats.files import name_of
 from brdfatlas.formats.reader import read, stored
 from brdfatlas.measured import Measured, MeasuredError
 from brdfatlas.measures.diffuseness import diffuseness, material_class
 from brdfatlas.measures.physics import directional_albedo
+from brdfatlas.pipeline.leftovers import read_record
 
 
 def describe_material(measured: Measured) -> dict[str, Any]:
@@ -117,14 +118,15 @@ def manifest(
     versions: Mapping[str, str],
 ) -> dict[str, Any]:
     """Everything that is needed to repeat a run: configuration, seeds, versions, inputs with checksums, revision."""
-    described = [read_json(path) for path in descriptions]
+    keys = ("name", "source", "sha256", "standin")
+    described = [read_record(path, *keys) for path in descriptions]
     return {
         "revision": revision,
         "versions": versions,
         "machine": f"{platform.system()} {platform.machine()}",
         "config": config,
         "models": models,
-        "inputs": [{key: d[key] for key in ("name", "source", "sha256", "standin")} for d in described],
+        "inputs": [{key: d[key] for key in keys} for d in described],
         "binaries": materials,
         "left_out": list(left_out),
     }
@@ -134,8 +136,8 @@ def failures(reports: Sequence[str]) -> list[str]:
     """One line for each failed fit among report files."""
     lines = []
     for path in reports:
-        report = read_json(path)
-        if report["status"] not in ("ok", ABSENT):
+        if read_record(path, "status")["status"] not in ("ok", ABSENT):
+            report = read_record(path, "entry", "material", "reason")
             lines.append(f"{report['entry']} on {report['material']}: {report['reason']}")
     return lines
 

@@ -155,19 +155,20 @@ def sobol_points(count: int, known: np.ndarray | None = None) -> np.ndarray:
 
 
 def load_scene(path: str | Path) -> PreparedScene:
-    """Read what :meth:`PreparedScene.save` wrote."""
+    """Read what :meth:`PreparedScene.save` wrote. ValueError naming the file for another npz."""
     store = read_npz(path)
-    labels = json.loads(str(store["labels"]))
-    meshes = [
-        Mesh(*(store[f"mesh{number}/{key}"] for key in ("vertices", "faces", "normals")), surface)
-        for number, surface in enumerate(labels["surfaces"])
-    ]
-    size = len(store["coverage"])
-    arrays = [store[key] for key in ("background", "coverage", "points")]
-    notes = tuple(labels["notes"])
-    return PreparedScene(
-        labels["name"], labels["definition"], size, store["environment"], tuple(meshes), *arrays, notes
-    )
+    try:
+        labels = json.loads(str(store["labels"]))
+        meshes = tuple(
+            Mesh(*(store[f"mesh{number}/{key}"] for key in ("vertices", "faces", "normals")), surface)
+            for number, surface in enumerate(labels["surfaces"])
+        )
+        size = len(store["coverage"])
+        arrays = [store[key] for key in ("background", "coverage", "points")]
+        name, definition, notes = labels["name"], labels["definition"], tuple(labels["notes"])
+        return PreparedScene(name, definition, size, store["environment"], meshes, *arrays, notes)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: no prepared scene ({type(error).__name__}: {error})") from None
 
 
 def load_meshes(scene: Mapping[str, Any], where: str) -> tuple[tuple[Mesh, ...], tuple[str, ...]]:

@@ -9,12 +9,12 @@ from typing import Any
 import pandas as pd
 
 from brdfatlas.constants import ABSENT
-from brdfatlas.files import read_json
 from brdfatlas.measured import RECONSTRUCTED
 from brdfatlas.measures import tsv
 from brdfatlas.measures.summary import Summary
-from brdfatlas.measures.tsv import read_tsv
+from brdfatlas.measures.tsv import BRDF, ERRORS, PAIRS, read_tsv
 from brdfatlas.models import MODELS
+from brdfatlas.pipeline.leftovers import read_record
 
 FIT_COLUMNS = [
     *("material", "model", "standin", "status", "reason", "seconds", "iterations", "converged"),
@@ -195,6 +195,21 @@ def write_tsv(path: str | Path, frame: pd.DataFrame) -> None:
     tsv.write_tsv(path, frame, digits=9)
 
 
+def _fit_record(path: str | Path) -> Mapping[str, Any]:
+    """The report of a fit. ValueError naming the file where a part that pages show is not of its type."""
+    record = read_record(path, "status")
+    numbers = [record.get(key) for key in ("seconds", "iterations", "objective", "seed", "bytes")]
+    try:
+        numbers += [*physics_of(record).values(), golden_section_calls(record)]
+        sound = all(isinstance(number, int | float | None) for number in numbers)
+        sound &= all(isinstance(record.get(key), Mapping | None) for key in ("options", "parameters"))
+    except (TypeError, AttributeError):
+        sound = False
+    if not sound:
+        raise ValueError(f"{path}: not the report of a fit that a run writes")
+    return record
+
+
 def read_material(
     facts: str | Path,
     fits: Sequence[str | Path] = (),
@@ -206,19 +221,19 @@ def read_material(
     pairs = Path(errors).with_name("pairs.tsv") if errors else None
     found, absent = {}, {}
     for path in fits:
-        record = read_json(path)
+        record = _fit_record(path)
         name = str(record.get("entry") or record.get("model") or Path(path).stem)
         if record.get("status") == ABSENT:
             absent[name] = str(record["reason"])
         else:
             found[name] = record
     return Material(
-        read_json(facts),
+        read_record(facts, "name"),
         found,
-        read_tsv(errors) if errors else pd.DataFrame(columns=["material", "model", "scene", "status"]),
-        read_tsv(brdf_errors) if brdf_errors else pd.DataFrame(columns=["material", "model"]),
+        read_tsv(errors, ERRORS) if errors else pd.DataFrame(columns=ERRORS),
+        read_tsv(brdf_errors, BRDF) if brdf_errors else pd.DataFrame(columns=BRDF),
         absent,
-        read_tsv(pairs) if pairs and pairs.is_file() else pd.DataFrame(),
+        read_tsv(pairs, PAIRS) if pairs and pairs.is_file() else pd.DataFrame(),
     )
 
 
