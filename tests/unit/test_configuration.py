@@ -2,6 +2,7 @@
 
 import os
 import re
+import struct
 from copy import deepcopy
 from pathlib import Path
 
@@ -297,8 +298,8 @@ def test_standins_where_there_is_no_file(tmp_path, capsys):
     assert len(usable) == 4
     assert all(m.standin for m in usable)
     assert left_out == []
-    assert capsys.readouterr().err.endswith(f"{tmp_path / 'none'}: no measurement there; built-in stand-ins are used\n")
-    with pytest.raises(ConfigError, match=r"none: no measurement there \(strict: true"):
+    assert capsys.readouterr().err.endswith(f"{tmp_path / 'none'}: no such folder; built-in stand-ins are used\n")
+    with pytest.raises(ConfigError, match=r"none: no such folder \(strict: true"):
         find_materials(config | {"strict": True}, "standins", tmp_path / "checks.json")
     everything = find_materials(config | {"standins": "all"}, "standins", tmp_path / "checks.json")[0]
     assert len(everything) == 100
@@ -310,20 +311,42 @@ def test_standins_where_there_is_no_file(tmp_path, capsys):
     ("file", "remedy"),
     [
         ("brdfs/a.binary", "set measured_folder: .*brdfs$"),
+        ("mine/brdfs/a.binary", "set measured_folder: .*brdfs$"),
         ("a.BINARY", "can be used"),
         (".unpacked/a.binary", ""),
+        ("very/much/further/a.binary", ""),  # a whole disk is not searched
+        ("brdfs/prices.csv", ""),
     ],
 )
 def test_files_that_are_not_quite_where_they_are_looked_for(tmp_path, file, remedy):
     path = tmp_path / file
-    path.parent.mkdir(exist_ok=True)
-    path.touch()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(b"a,b\n" if path.suffix == ".csv" else struct.pack("<3i", 90, 90, 180))
     config = read_config({"merl_folder": str(tmp_path)})
     if not remedy:
         assert all(m.standin for m in find_materials(config, "standins", tmp_path / "checks.json")[0])
         return
     with pytest.raises(ConfigError, match=remedy):
         find_materials(config, "standins", tmp_path / "checks.json")
+
+
+def test_a_folder_that_vanishes_while_it_is_searched_is_no_fault(tmp_path, monkeypatch, capsys):
+    (tmp_path / "gone").mkdir()
+    listed = os.scandir
+
+    def scandir(path):
+        if str(path).endswith("gone"):
+            raise FileNotFoundError(path)
+        return listed(path)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    find_materials(read_config({"measured_folder": str(tmp_path)}), "standins", tmp_path / "checks.json")
+    assert "no measurement there; built-in stand-ins are used" in capsys.readouterr().err
+
+
+def test_the_home_folder_may_be_called_so(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert read_config({"measured_folder": "~/brdfs"})["measured_folder"] == f"{tmp_path}/brdfs"
 
 
 def test_names_that_could_escape_are_refused():

@@ -80,6 +80,7 @@ def read_config(config: Mapping[str, Any], source: str = "config") -> dict[str, 
         print(f"{source}: merl_folder is deprecated since 0.2.0, use measured_folder; it still works", file=sys.stderr)
     config = check(typed(dict(config), schema), schema, source)
     for key in ("measured_folder", "merl_folder"):
+        config[key] = os.path.expanduser(config[key])
         folder = Path(config[key])
         if folder.exists() and not folder.is_dir():
             raise ConfigError(f"{source}: {key}: {folder}: not a folder; name the folder that holds the files")

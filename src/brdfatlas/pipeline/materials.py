@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -135,18 +135,32 @@ def _material(name: str, path: Path, tables_folder: str) -> Material:
 def _say_standins(folders: list[Path], strict: bool) -> None:
     """Say that stand-ins are used; ConfigError where measured files were probably meant."""
     for folder in folders:
-        for path in sorted(folder.rglob("*")) if folder.is_dir() else []:
-            inside = path.relative_to(folder)
-            if path.suffix.lower() in ENDINGS and not any(part.startswith(".") for part in inside.parts):
+        for path in _below(folder):
+            if path.suffix.lower() in ENDINGS and _is_measurement(path):
                 raise ConfigError(
                     f"config: measured_folder: {folder}: no measurement there, but {shown(path)}; "
                     f"set measured_folder: {shown(path.parent)}"
                 )
-    fault = f"{' and '.join(map(str, folders))}: no measurement there"
+    gone = len(folders) == 1 and not folders[0].is_dir()
+    fault = f"{' and '.join(map(str, folders))}: {'no such folder' if gone else 'no measurement there'}"
     if strict:
         remedy = "correct the folder, or set strict: false; `snakemake rgl --config strict=False` downloads some"
         raise ConfigError(f"config: measured_folder: {fault} (strict: true; {remedy})")
     print(f"{fault}; built-in stand-ins are used", file=sys.stderr)
+
+
+def _below(folder: Path, depth: int = 2) -> Iterator[Path]:
+    """Files in a folder and as many below it; nothing hidden, no links to folders, nothing that cannot be listed."""
+    try:
+        with os.scandir(folder) as found:
+            entries = sorted((entry for entry in found if not entry.name.startswith(".")), key=lambda entry: entry.name)
+        folders = [Path(entry.path) for entry in entries if entry.is_dir(follow_symlinks=False)]
+    except OSError:
+        return
+    yield from (Path(entry.path) for entry in entries if Path(entry.path) not in folders)
+    if depth:
+        for inside in folders:
+            yield from _below(inside, depth - 1)
 
 
 def check_files(files: Mapping[str, Path], checks: str | Path) -> dict[str, dict[str, str]]:
