@@ -119,7 +119,7 @@ def find_materials(
     reasons = {name: verdicts[shown(files[name])]["reason"] for name in names}
     left_out = [LeftOut(shown(name), shown(files[name]), reason) for name, reason in reasons.items() if reason]
     if left_out and config["strict"]:
-        raise ConfigError(f"{left_out[0].reason} (strict: true; mend or remove the file, or set strict: false)")
+        raise ConfigError(f"{left_out[0].reason} (strict: true; repair or remove the file, or set strict: false)")
     usable = [_material(name, files[name], tables_folder) for name in names if not reasons[name]]
     if not usable:
         raise ConfigError(f"{place}: no file there can be used: {left_out[0].reason}")
