@@ -81,6 +81,7 @@ def test_what_is_not_exactly_understood_is_refused_and_not_guessed(tmp_path, wor
     [
         (table(head="# cos theta is not included in the values\n"), r"line 1: 'cos theta is .* write # values: "),
         (table(head="# values are 1000 f\n"), r"line 1: 'values are 1000 f'; write # values: "),
+        (table(head="# values\n# value of a sample: 9\n"), "f"),
         (table(head="# cos theta is included\n# values: f\n"), "f"),
         (table(head="# converted from radians to degrees\n"), "f"),
         (table(head="# unit: W / m^2 sr, radiance of a lamp\n"), "f"),

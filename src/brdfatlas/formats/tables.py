@@ -41,7 +41,9 @@ _F = "(f|fr|fs|brdf)"
 #: Words of QUANTITIES, as :func:`_plain` leaves them.
 _WORDS = {F: _F, F_COS: f"{_F}(times)?cos(ine)?(of)?(theta[orsv]?)?", FACTOR: f"(reflectancefactor|rf|brf|(pi|π){_F})"}
 #: A comment that may speak of quantities, and the unit that f and f cos have.
-_SPEAKS = re.compile(r"^values?\b|(?<![a-z])f?cos(ine)?s?(?![a-z])|cos_?(theta|θ)|(reflectance|radiance) factor")
+_SPEAKS = re.compile(
+    r"^values? (are|is) |(?<![a-z])f?cos(ine)?s?(?![a-z])|cos_?(theta|θ)|(reflectance|radiance) factor"
+)
 _ANGLE = re.compile(r"\b(deg|rad)(rees?|ians?)?\b")
 _UNIT = re.compile(r"(\bin\s+)?[\[(]?(1\s*/\s*sr|sr\s*(\^|\*\*)?\s*[{(]?-\s*1[})]?|sr⁻¹)[\])]?$")
 
@@ -127,8 +129,8 @@ def _comment(path: Path, number: int, text: str, header: _Header) -> None:
     key, colon, value = (part.strip() for part in text.partition(":"))
     key, bare = key.lower(), re.sub(r"^values? (are|is) ", "", text.lower())
     if not colon and _SPEAKS.search(text.lower()) and quantity_of(bare):
-        key, value = "values", bare
-    if key in ("values", "value", "quantity"):
+        key, colon, value = "values", ":", bare
+    if colon and key in ("values", "value", "quantity"):
         before, header.quantity = header.stated, quantity_of(value) or ""
         header.stated = header.quantity
         if before not in ("", header.quantity):
