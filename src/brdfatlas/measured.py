@@ -71,8 +71,8 @@ class Measured:
             raise MeasuredError(f"{self.name}: a table of shape {shape}; {(*GRID_SHAPE, 3)} is needed")
         if dtype is None or dtype.kind != "f":
             raise MeasuredError(f"{self.name}: a table of {dtype}; floating point numbers are needed (float32)")
-        missing = np.isnan(self.table)
-        partly = int((missing.any(-1) & ~missing.all(-1)).sum())
+        r, g, b = (np.isnan(self.table[..., channel]) for channel in range(3))
+        partly = int(((r != g) | (r != b)).sum())
         if partly:
             raise MeasuredError(f"{self.name}: NaN in some channels of {partly:,} cells; it is in all or in none")
         if np.isinf(self.table).any():

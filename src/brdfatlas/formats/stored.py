@@ -96,11 +96,12 @@ def read(path: str | os.PathLike) -> Measured:
         arrays[key] = numbers[place : place + counts[key]].reshape(shape).copy()
         place += counts[key]
     table = arrays.pop("table")
-    valid = ~np.isnan(table).all(-1)
-    check_values(path, table[valid])
+    valid = ~np.logical_and.reduce([np.isnan(table[..., channel]) for channel in range(3)])
+    values = table[valid]
+    check_values(path, values)
     if not valid.any():
         raise MeasuredError(f"{path}: no valid cell; convert the measurement again")
-    if table[valid].min() < 0:
+    if values.min() < 0:
         raise MeasuredError(f"{path}: negative values, which are no reflectance; convert the measurement again")
     return Measured(name, table, header["standin"], Path(source) if source else None, about, **arrays)
 
