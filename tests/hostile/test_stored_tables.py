@@ -13,6 +13,7 @@ from brdfatlas.formats import stored
 from brdfatlas.measured import Measured, MeasuredError
 from brdfatlas.pipeline.materials import check_files
 from brdfatlas.pipeline.records import describe_material_job, read_material_job
+from brdfatlas.settings import ConfigError, check_name
 
 
 def grey():
@@ -62,6 +63,15 @@ def test_a_header_of_other_types_is_refused_in_one_line(tmp_path, parts, changes
     assert verdict.startswith(f"{path}: ")
     assert "again" in verdict
     assert verdict.isprintable()
+
+
+@pytest.mark.parametrize("name", ["a", "n" * 80, "n" * 81, "0.b_c-d", "-a", ".a", "\u00e9", "a b", "a\n", ""])
+def test_names_obey_the_rule_of_all_others(name):
+    try:
+        check_name(name, "x")
+        assert stored.NAME.match(name)
+    except ConfigError:
+        assert not stored.NAME.match(name)
 
 
 def test_a_damaged_header_is_told_on_the_command_line(refused, parts):

@@ -5,19 +5,11 @@ import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
-from brdfatlas.files import UNFINISHED, read_json, write_text
+from brdfatlas.files import UNFINISHED, write_text
+from brdfatlas.pipeline.records import read_record
 
 HOUR = 3600.0
-
-
-def read_record(path: str | os.PathLike, *keys: str) -> Mapping[str, Any]:
-    """What a job wrote as JSON, with these keys. ValueError naming the file for anything else."""
-    record = read_json(path)
-    if not isinstance(record, Mapping) or not set(keys) <= record.keys():
-        raise ValueError(f"{path}: not what a run writes there ({', '.join(keys) or 'names'} wanted)")
-    return record
 
 
 def listed_files(listing: str | os.PathLike, folder: str | os.PathLike) -> list[Path]:

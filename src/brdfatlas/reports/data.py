@@ -14,7 +14,7 @@ from brdfatlas.measures import tsv
 from brdfatlas.measures.summary import Summary
 from brdfatlas.measures.tsv import BRDF, ERRORS, PAIRS, read_tsv
 from brdfatlas.models import MODELS
-from brdfatlas.pipeline.leftovers import read_record
+from brdfatlas.pipeline.records import read_record
 
 FIT_COLUMNS = [
     *("material", "model", "standin", "status", "reason", "seconds", "iterations", "converged"),
