@@ -17,6 +17,7 @@ BUILT_ON = {
     "independent_g": STARTS,
     "bivariate_g": STARTS | {"independent_g"},
     "low_rank": STARTS | {"independent_g", "bivariate_g"},
+    "ward_duer": {"ward"},
 }
 
 
