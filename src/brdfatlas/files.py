@@ -246,6 +246,14 @@ def read_json(path: str | os.PathLike) -> Any:
         raise ValueError(f"{shown(path)}: nested too deeply") from None
 
 
+def read_record(path: str | os.PathLike, *keys: str) -> Mapping[str, Any]:
+    """What a job wrote as JSON, with these keys. ValueError naming the file for anything else."""
+    record = read_json(path)
+    if not isinstance(record, Mapping) or not set(keys) <= record.keys():
+        raise ValueError(f"{shown(path)}: not what a run writes there ({', '.join(keys) or 'names'} wanted)")
+    return record
+
+
 def write_npz(path: str | os.PathLike, arrays: Mapping[str, np.ndarray]) -> None:
     """Write named arrays as npz: no object arrays, fixed time stamps, so equal arrays give equal bytes."""
     with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:

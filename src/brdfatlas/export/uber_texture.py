@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas.files import atomic_path, read_json
+from brdfatlas.files import atomic_path, read_record
 from brdfatlas.fits import Fit, load_fit
 from brdfatlas.models.base import Factors, Model
 
@@ -128,6 +128,6 @@ def load_uber_texture(path: str | os.PathLike) -> UberTexture:
 
 def uber_texture_job(model: str, fits: Sequence[str | os.PathLike], output: str | os.PathLike) -> None:
     """Write the texture of one model from fits, each with its report (.json) beside it; a failed fit has no row."""
-    good = [load_fit(path) for path in fits if read_json(Path(path).with_suffix(".json"))["status"] == "ok"]
+    good = [load_fit(path) for path in fits if read_record(Path(path).with_suffix(".json"), "status")["status"] == "ok"]
     empty = UberTexture(np.zeros((HEIGHT, WIDTH, 3), np.float32), (), model)
     save_uber_texture(output, build_uber_texture(good) if good else empty)

@@ -17,7 +17,7 @@ from brdfatlas.figures.lobes import lobe_curves, plot_lobes
 from brdfatlas.figures.samples import plot_samples
 from brdfatlas.figures.summary import plot_summary
 from brdfatlas.figures.tables import has_few_products, table_file, write_table
-from brdfatlas.files import digests, read_json, write_json, write_text
+from brdfatlas.files import digests, read_record, write_json, write_text
 from brdfatlas.fits import Fit, load_fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import extend
@@ -39,7 +39,7 @@ def titles_of(models: Sequence[str]) -> dict[str, str]:
 def load_fits(models: Sequence[str], folder: str | os.PathLike) -> dict[str, Fit]:
     """The fits in ``folder`` ({model}.npz, {model}.json) that did not fail, in order."""
     folder = Path(folder)
-    good = [name for name in models if read_json(folder / f"{name}.json")["status"] == "ok"]
+    good = [name for name in models if read_record(folder / f"{name}.json", "status")["status"] == "ok"]
     return {name: load_fit(folder / f"{name}.npz") for name in good}
 
 
@@ -94,7 +94,7 @@ def figures_job(
         plot_weights(measured, folder / "weights.svg")
         drawn |= {"slices.webp", "weights.svg"}
     for name, fit in loaded.items():
-        drawn |= _draw_fit(fit, titles[name], read_json(Path(fits) / f"{name}.json"), folder, name)
+        drawn |= _draw_fit(fit, titles[name], read_record(Path(fits) / f"{name}.json", "status"), folder, name)
     of_fits = (pattern.format(name) for pattern in OF_A_FIT for name in models)
     for name in chain(SOMETIMES, of_fits):
         if name not in drawn:
@@ -120,6 +120,6 @@ def summary_job(
     path: str | os.PathLike,
 ) -> None:
     """Draw the sorted ΔE00 curves of all models over all materials (Bagher et al. 2016, Fig. 8)."""
-    facts = [read_json(item) for item in descriptions]
+    facts = [read_record(item, "name", "diffuseness") for item in descriptions]
     diffuseness = {item["name"]: item["diffuseness"] for item in facts}
     plot_summary(read_tsv(errors), diffuseness, path, titles=titles_of(models), models=models)

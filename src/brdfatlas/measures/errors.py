@@ -34,7 +34,7 @@ import numpy as np
 import pandas as pd
 
 from brdfatlas.constants import ABSENT, REFERENCE, REFERENCE_AGAIN
-from brdfatlas.files import read_json
+from brdfatlas.files import read_record
 from brdfatlas.fits import load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, fold
@@ -480,7 +480,7 @@ def material_brdf_errors(measured: Measured, models: Sequence[str], folder: str 
     rows = []
     for model in models:
         row: dict[str, object] = {"material": measured.name, "model": model}
-        report = read_json(Path(folder) / f"{model}.json")
+        report = read_record(Path(folder) / f"{model}.json", "status")
         if report["status"] == "ok":
             fitted = load_reported(Path(folder) / f"{model}.npz", report)
             row |= brdf_errors(fold(fitted.table()), measured.table, weights)
@@ -504,7 +504,7 @@ def errors_job(
 
     ``tones``: scene -> (exposure, gamma). Entries without a row for the material ("absent") have none here either.
     """
-    models = [name for name in models if read_json(Path(fits) / f"{name}.json")["status"] != ABSENT]
+    models = [name for name in models if read_record(Path(fits) / f"{name}.json", "status")["status"] != ABSENT]
     images, pairs = material_errors(material, models, {name: Tone(*tone) for name, tone in tones.items()}, renders)
     brdf = material_brdf_errors(read(binary), models, fits)
     write_tsv(images_path, images)

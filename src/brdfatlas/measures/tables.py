@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from brdfatlas.constants import REFERENCE_AGAIN
-from brdfatlas.files import read_json
+from brdfatlas.files import read_record
 from brdfatlas.measured import RECONSTRUCTED
 from brdfatlas.measures.errors import BRDF_MEASURES, IMAGE_MEASURES, PAIR_ERRORS
 from brdfatlas.measures.ranking import (
@@ -39,7 +39,7 @@ BILGILI2011 = "Bilgili et al. 2011"
 
 def read_classes(descriptions: Iterable[str | os.PathLike]) -> pd.DataFrame:
     """material, class, standin, reconstructed from files results/materials/{material}.json."""
-    facts = [read_json(path) for path in descriptions]
+    facts = [read_record(path, "name", "class", "standin") for path in descriptions]
     rows = [(item["name"], item["class"], bool(item["standin"]), item.get("kind") == RECONSTRUCTED) for item in facts]
     return pd.DataFrame(rows, columns=["material", "class", "standin", "reconstructed"])
 

@@ -6,8 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from brdfatlas.files import UNFINISHED, write_text
-from brdfatlas.pipeline.records import read_record
+from brdfatlas.files import UNFINISHED, read_record, write_text
 
 HOUR = 3600.0
 

@@ -1,7 +1,6 @@
 """What a run records of its materials and of itself: descriptions, versions, verdict."""
 
 import hashlib
-import os
 import platform
 import subprocess
 import sys
@@ -16,20 +15,12 @@ import numpy as np
 from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
 from brdfatlas.constants import ABSENT
-from brdfatlas.files import read_json, write_json
+from brdfatlas.files import read_record, write_json
 from brdfatlas.formats.files import name_of
 from brdfatlas.formats.reader import read, stored
 from brdfatlas.measured import Measured, MeasuredError
 from brdfatlas.measures.diffuseness import diffuseness, material_class
 from brdfatlas.measures.physics import directional_albedo
-
-
-def read_record(path: str | os.PathLike, *keys: str) -> Mapping[str, Any]:
-    """What a job wrote as JSON, with these keys. ValueError naming the file for anything else."""
-    record = read_json(path)
-    if not isinstance(record, Mapping) or not set(keys) <= record.keys():
-        raise ValueError(f"{path}: not what a run writes there ({', '.join(keys) or 'names'} wanted)")
-    return record
 
 
 def describe_material(measured: Measured) -> dict[str, Any]:

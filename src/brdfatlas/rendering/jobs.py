@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
-from brdfatlas.files import read_json
+from brdfatlas.files import read_record
 from brdfatlas.fits import Fit, is_fit_file, load_fit, load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
@@ -310,7 +310,7 @@ def render_job(
 
 def _table_of(fit: str, report: str) -> np.ndarray | None:
     """The table of a fit, None if it failed."""
-    told = read_json(report)
+    told = read_record(report, "status")
     return load_reported(fit, told).table() if told["status"] == "ok" else None
 
 

@@ -9,12 +9,12 @@ from typing import Any
 import pandas as pd
 
 from brdfatlas.constants import ABSENT
+from brdfatlas.files import read_record
 from brdfatlas.measured import RECONSTRUCTED
 from brdfatlas.measures import tsv
 from brdfatlas.measures.summary import Summary
 from brdfatlas.measures.tsv import BRDF, ERRORS, PAIRS, read_tsv
 from brdfatlas.models import MODELS
-from brdfatlas.pipeline.records import read_record
 
 FIT_COLUMNS = [
     *("material", "model", "standin", "status", "reason", "seconds", "iterations", "converged"),

@@ -10,7 +10,7 @@ import pandas as pd
 import yaml
 
 from brdfatlas.constants import REFERENCE_AGAIN
-from brdfatlas.files import read_json, write_text
+from brdfatlas.files import read_record, write_text
 from brdfatlas.measures.ranking import best_rows
 from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, PSNR, Measure, Summary, score_of
 from brdfatlas.reports.data import (
@@ -52,7 +52,7 @@ def write_index(
     ``run_file`` is the record of the run.
     """
     output, data = Path(output), Path(data)
-    run = read_json(run_file)
+    run = read_record(run_file)
     facts = {name: model_facts(name) for name in models}
     summary = summarise_run(materials, facts)
     rows, tables = run_tables(run, materials, summary)

@@ -12,7 +12,7 @@ import pandas as pd
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.figures.pictures import ANIMATION, CONVERGENCE, picture_file
-from brdfatlas.files import read_json
+from brdfatlas.files import read_record
 from brdfatlas.measures.summary import BRDF_MEASURES, BUDGETS, LEADING, MEASURES, PSNR, Summary, best_by_noise, best_of
 from brdfatlas.reports.data import (
     Material,
@@ -197,7 +197,7 @@ def animation_told(
     picture = find_picture(page, pictures / ANIMATION) if note else None
     if note is None or picture is None:
         return None
-    told = read_json(note)
+    told = read_record(note, "scene", "models")
     return picture, str(told["scene"]).replace("_", " "), [entries[name] for name in told["models"] if name in entries]
 
 

@@ -23,7 +23,7 @@ from pypdf.generic import Fit
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.figures.pareto import pareto_figure
 from brdfatlas.figures.pictures import picture_file
-from brdfatlas.files import atomic_path, read_json
+from brdfatlas.files import atomic_path, read_record
 from brdfatlas.measures.summary import BUDGETS, MEASURES, Measure, Summary, score_of
 from brdfatlas.reports.data import Material, ModelFacts, SceneFacts, model_facts, read_material, summarise_run
 from brdfatlas.reports.formats import digits, integer, number, plain, seconds, storage, with_error
@@ -223,7 +223,7 @@ def write_supplement(
     """Write the overview and join it with the materials' PDFs ``parts`` (same order), numbered, linked, bookmarked."""
     readers = [PdfReader(part) for part in parts]
     counts = [len(reader.pages) for reader in readers]
-    data, files = overview(read_json(run_file), materials, models, scenes)
+    data, files = overview(read_record(run_file), materials, models, scenes)
     front = 2
     while True:  # the contents hold page numbers, which depend on how long the contents are
         starts = [front + sum(counts[:i]) for i in range(len(counts))]

@@ -25,7 +25,7 @@ from brdfatlas.angles import N_PHI_D, N_THETA_H
 from brdfatlas.constants import LUMINANCE, REFERENCE
 from brdfatlas.export.uber_texture import D_AT, F_AT, G_AT, RHO_D_AT, RHO_S_AT, WIDTH
 from brdfatlas.figures.tables import has_few_products
-from brdfatlas.files import read_json, read_npz, write_text
+from brdfatlas.files import read_npz, read_record, write_text
 from brdfatlas.fits import load_fit
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import Factors
@@ -144,12 +144,12 @@ def write_viewer(
     ``scenes``: with the prepared scene's .npz that holds the environment; ``textures``: names of EXRs in ``data`` to
     link to. Of a fit that failed the page says why.
     """
-    described = {name: read_json(path) for name, path in materials.items()}
+    described = {name: read_record(path, "name") for name, path in materials.items()}
     titles, found, texels = {REFERENCE: "reference"}, {}, []
     counts = {"factors": 0, "tables": 0, "failed": 0}
     for material, model, path in fits:
         titles.setdefault(model, MODELS[model].title)
-        report = read_json(Path(path).with_suffix(".json"))
+        report = read_record(Path(path).with_suffix(".json"), "status")
         if report["status"] != "ok":
             found[f"{material}/{model}"] = " ".join(str(report.get("reason") or "the fit failed").split())
             counts["failed"] += 1
