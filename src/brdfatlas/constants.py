@@ -1,5 +1,7 @@
 """What several rooms must agree on, stated once."""
 
+import re
+
 import numpy as np
 
 #: Rec. 709 luminance of linear rgb.
@@ -8,6 +10,9 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 MAX_ANGLE = np.deg2rad(89.0)
 #: Löw et al. 2012 sum E2 over theta_h and theta_d up to here.
 E2_ANGLE = np.deg2rad(80.0)
+#: Names that become folders, wildcards and addresses: nothing that a shell, a path or a page could misread.
+LONGEST_NAME = 80
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\Z")
 #: Names of the two renders of the measured table itself, the second with other random numbers.
 REFERENCE, REFERENCE_AGAIN = "reference", "reference_again"
 #: Status of a fit's report where an entry of given parameters has none for the material: no row, and no failure.

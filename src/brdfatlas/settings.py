@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from collections.abc import Mapping
 from copy import deepcopy
 from itertools import chain
@@ -12,15 +11,13 @@ from typing import Any
 import jsonschema
 import yaml
 
+from brdfatlas.constants import LONGEST_NAME, NAME
 from brdfatlas.files import check_regular
 
 #: The package's own config/ and workflow/schemas/: links in a checkout, copies in an installed package.
 CONFIG, SCHEMAS = (Path(__file__).with_name(name) for name in ("config", "schemas"))
-#: Names that become folders, wildcards and addresses: nothing that a shell, a path or a page could misread.
-LONGEST_NAME = 80
 #: Values that a file may hold, with aliases written out; ours have some hundreds.
 MOST_VALUES = 100_000
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\Z")
 
 
 class ConfigError(ValueError):

@@ -66,12 +66,14 @@ def test_a_header_of_other_types_is_refused_in_one_line(tmp_path, parts, changes
 
 
 @pytest.mark.parametrize("name", ["a", "n" * 80, "n" * 81, "0.b_c-d", "-a", ".a", "\u00e9", "a b", "a\n", ""])
-def test_names_obey_the_rule_of_all_others(name):
+def test_names_obey_the_rule_of_all_others(tmp_path, parts, name):
+    path = write(tmp_path / "named.measured", changed(parts[0], name=name), parts[1])
     try:
         check_name(name, "x")
-        assert stored.NAME.match(name)
+        assert stored.read(path).name == name
     except ConfigError:
-        assert not stored.NAME.match(name)
+        with pytest.raises(MeasuredError, match="a name has letters, digits"):
+            stored.read(path)
 
 
 def test_a_damaged_header_is_told_on_the_command_line(refused, parts):

@@ -6,7 +6,6 @@ A line that says so, a line of JSON (everything but the arrays; their names, typ
 import json
 import math
 import os
-import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE
+from brdfatlas.constants import LONGEST_NAME, NAME
 from brdfatlas.files import atomic_path
 from brdfatlas.formats.files import check_values, read_bytes, size_of
 from brdfatlas.measured import KINDS, Measured, MeasuredError, Provenance
@@ -23,8 +23,6 @@ ENDINGS = (".measured",)
 MAGIC = b"brdfatlas measured 1\n"
 HEADER_BYTES = 1 << 16
 MOST_SAMPLES = 1 << 26
-#: What settings.check_name lets through; not imported, for then every fit would be made anew when settings.py changes.
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}\Z")
 
 
 def recognises(head: bytes) -> bool:
@@ -83,10 +81,10 @@ def read(path: str | os.PathLike) -> Measured:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise MeasuredError(f"{path}: its header cannot be read; convert the measurement again") from None
     name, source = header["name"], header["path"]
-    if not NAME.match(name):
+    if not NAME.match(name) or len(name) > LONGEST_NAME:
         raise MeasuredError(
             f"{path}: holds a material called {name[:80]!r}; a name has letters, digits, '.', '_' and '-', "
-            f"80 at most; rename the measurement and convert it again"
+            f"{LONGEST_NAME} at most; rename the measurement and convert it again"
         )
     start = len(MAGIC) + len(line) + 1
     counts = {key: math.prod(shape) for key, shape in shapes.items()}

@@ -18,11 +18,11 @@ import requests
 from requests.adapters import HTTPAdapter
 from urllib3.util import Retry
 
+from brdfatlas.constants import NAME
 from brdfatlas.files import atomic_path, read_json, write_json, write_text
 from brdfatlas.formats.merl import FILE_BYTES, check_header
 from brdfatlas.formats.rgl import check as check_rgl
 from brdfatlas.measured import MeasuredError
-from brdfatlas.settings import NAME
 
 CHUNK = 1 << 20
 #: Tells a person a line.

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from brdfatlas.constants import LONGEST_NAME, NAME
 from brdfatlas.files import read_json
 from brdfatlas.formats.files import name_of
 from brdfatlas.formats.reader import ENDINGS, check, format_of, merl, read
@@ -15,7 +16,7 @@ from brdfatlas.measured import MeasuredError
 from brdfatlas.objectives import importance_weight
 from brdfatlas.pipeline.configuration import choose, time_fault
 from brdfatlas.pipeline.standins import standin_names
-from brdfatlas.settings import LONGEST_NAME, NAME, ConfigError
+from brdfatlas.settings import ConfigError
 
 #: Of what :func:`_fault` looks for: verdicts of an older one are not believed.
 EDITION = 4
@@ -150,17 +151,11 @@ def _say_standins(folders: list[Path], strict: bool) -> None:
 
 
 def _below(folder: Path, depth: int = 2) -> Iterator[Path]:
-    """Files in a folder and as many below it; nothing hidden, no links to folders, nothing that cannot be listed."""
-    try:
-        with os.scandir(folder) as found:
-            entries = sorted((entry for entry in found if not entry.name.startswith(".")), key=lambda entry: entry.name)
-        folders = [Path(entry.path) for entry in entries if entry.is_dir(follow_symlinks=False)]
-    except OSError:
-        return
-    yield from (Path(entry.path) for entry in entries if Path(entry.path) not in folders)
-    if depth:
-        for inside in folders:
-            yield from _below(inside, depth - 1)
+    """Files in a folder and so many levels below it; nothing hidden, behind a link, or that cannot be listed."""
+    for place, folders, names in os.walk(folder):
+        level = len(Path(place).relative_to(folder).parts)
+        folders[:] = sorted(name for name in folders if level < depth and not name.startswith("."))
+        yield from (Path(place, name) for name in sorted(names) if not name.startswith("."))
 
 
 def check_files(files: Mapping[str, Path], checks: str | Path) -> dict[str, dict[str, str]]:
