@@ -51,6 +51,31 @@ def test_values_are_those_of_look_up(binary):
     np.testing.assert_allclose(np.array(pdf), np.array(bsdf.pdf(mi.BSDFContext(), si, mi.Vector3f(wo.T))), rtol=1e-5)
 
 
+def test_a_random_neighbour_has_the_mean_of_the_interpolation():
+    """Over 64 x 64 chances each probability is right to 1/128, so the mean is within 1/64 of the values' spread; and
+    there is a spread: not every chance has the same value."""
+    mi = variant()
+    import drjit as dr
+
+    from brdfatlas.rendering.bsdf import reflectance_of
+
+    reflectance, side, (wi, wo) = reflectance_of(material(0.1)), 64, pairs(500)
+    angles = reflectance.angles(mi.Vector3f(wi.T), mi.Vector3f(wo.T))
+    exact = np.array(reflectance.values(angles, True)[0]).T
+
+    def values(of_theta_d, of_phi_d):
+        chances = (of_theta_d[:, None] << 16 | of_phi_d).ravel().astype(np.uint32)
+        repeated = [dr.repeat(angle, len(chances)) for angle in angles]
+        found = reflectance.values(repeated, True, dr.tile(mi.UInt32(chances), len(wi)))[0]
+        return np.array(found).T.reshape(len(wi), len(chances), 3).astype(float)
+
+    middles = (2 * np.arange(side) + 1) * (2**15 // side)
+    corners = values(*2 * [np.array([0, 2**16 - 1])])
+    spread = corners.max(1) - corners.min(1)
+    assert np.median(spread / exact) > 1e-3
+    assert (np.abs(values(middles, middles).mean(1) - exact) <= spread / side + 1e-5 * exact).all()
+
+
 def test_scalar_and_llvm_agree(binary):
     wi, wo = pairs(40, seed=3)
     rng = np.random.default_rng(5)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, above_horizon
+from brdfatlas.compiled import njit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, MeasuredError, extend, extension_index
 from brdfatlas.rendering.arrays import aligned, upload
@@ -22,7 +23,7 @@ from brdfatlas.rendering.density import LIST_LENGTH, N_ELEVATIONS, Density, samp
 
 #: How many tables one kernel takes; a group is filled up with zeros to the next of these sizes.
 GROUP_SIZES = (1, 4, 8, 16, 24, 32)
-_ROWS = 8100
+_ROWS = 512
 
 
 def load_table(filename: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
@@ -54,14 +55,21 @@ def interleave(tables: Sequence[np.ndarray], valid: np.ndarray) -> tuple[np.ndar
     stride = max(4, 3 * size)
     packed = aligned(valid.size * stride)
     rows = packed.reshape(-1, stride)
-    for first in range(0, len(rows), _ROWS):  # a part that stays in the cache
+    for first in range(0, len(rows), _ROWS):  # parts that stay in the cache
         part = slice(first, first + _ROWS)
         for number, table in enumerate(tables):
-            source = table.reshape(-1, 3)[places[table.shape[2]][part]]
-            rows[part, 3 * number : 3 * number + 3] = source
+            _gather(table.reshape(-1, 3), places[table.shape[2]][part], rows[part, 3 * number : 3 * number + 3])
     if not np.isfinite(packed).all():
         raise MeasuredError("the table holds NaN or Inf in cells that its reference measured")
     return packed, stride, n_phi
+
+
+@njit(cache=True, nogil=True)
+def _gather(source, places, target):
+    """target[n] = source[places[n]] for colours, without NumPy's copy."""
+    for n in range(len(places)):
+        for channel in range(3):
+            target[n, channel] = source[places[n], channel]
 
 
 def _index(place: Any, last: Any) -> Any:
@@ -164,8 +172,13 @@ class Reflectance:
         place = dr.safe_acos(wi.z) * (2 / np.pi * N_ELEVATIONS)
         return _index(place, N_ELEVATIONS - 1.0)
 
-    def values(self, angles: tuple[Any, Any, Any], active: Any) -> list[Any]:
-        """The BRDF of every table of the group, 1/sr."""
+    def values(self, angles: tuple[Any, Any, Any], active: Any, chance: Any = None) -> list[Any]:
+        """The BRDF of every table of the group, 1/sr: trilinear, or with ``chance``, 32 random bits, an estimate of it.
+
+        The estimate takes one neighbour in theta_d and one in phi_d with a probability equal to its weight (Fajardo et
+        al. 2023, Stochastic Texture Filtering), so 2 cells are read in place of 8: memory is what limits a render. It
+        interpolates along theta_h, where highlights are steep.
+        """
         import drjit as dr
         import mitsuba as mi
 
@@ -179,12 +192,16 @@ class Reflectance:
         i, j, k = _index(x, N_THETA_H - 2.0), _index(y, N_THETA_D - 2.0), _index(z, cells - 1)
         u, v, w = x - mi.Float(i), y - mi.Float(j), z - mi.Float(k)
         k1 = dr.select(k + 1 == n_phi, mi.UInt32(0), k + 1)
+        columns, places = [(j, 1 - v), (j + 1, v)], [(k, 1 - w), (k1, w)]
+        if chance is not None:
+            columns = [(dr.select(mi.Float(chance >> 16) < v * 2**16, j + 1, j), 1.0)]
+            places = [(dr.select(mi.Float(chance & 0xFFFF) < w * 2**16, k1, k), 1.0)]
         total = None
         for row, weight_h in ((i, 1 - u), (i + 1, u)):
-            for column, weight_d in ((j, 1 - v), (j + 1, v)):
-                base, weight = (row * N_THETA_D + column) * n_phi, weight_h * weight_d
-                for cell, share in ((base + k, weight * (1 - w)), (base + k1, weight * w)):
-                    found = self._cell(cell, active)
+            for column, weight_d in columns:
+                for place, weight_p in places:
+                    found = self._cell((row * N_THETA_D + column) * n_phi + place, active)
+                    share = weight_h * weight_d * weight_p
                     total = [dr.fma(f, share, t) for f, t in zip(found, total or [0.0] * len(found))]
         return [mi.Color3f(*total[3 * n : 3 * n + 3]) for n in range(self.size)]
 

@@ -6,7 +6,8 @@ by the power heuristic (Veach and Guibas 1995). Only pixels that show the materi
 comes from the prepared scene. Sample points are a Sobol' sequence, scrambled per pixel, batch and dimension
 (Owen 1995; hash of Laine and Karras 2011), so batches are independent, and equal for a reference and all its fits.
 So are the lanes: how many a pixel has comes from the noise of a small render of the reference. A group of tables is
-rendered in one pass: rays, shadow rays, samples and densities do not depend on the table, only the value does.
+rendered in one pass: rays, shadow rays, samples and densities do not depend on the table, only the value does. It is
+read at random neighbours (:meth:`Reflectance.values`), as memory is what limits a render.
 
 Nothing of a scene or a material is a constant of the kernel: for each size of a group there is one kernel for lone
 spheres and one for scenes with several shapes, and Dr.Jit finds them again on disk in later processes.
@@ -333,7 +334,7 @@ def _sample(setup: Setup, reflectance: Reflectance, at: Any, bits: list) -> list
         use &= ~setup.loaded.ray_test(si.spawn_ray(world), use)
     angles = reflectance.angles(wi, wo)
     other = reflectance.pdf_at(wi, wo, angles[0], incidence, use)
-    lit = _weighted(reflectance, angles, radiance, pdf, other, wo.z, use)
+    lit = _weighted(reflectance, angles, bits[5], radiance, pdf, other, wo.z, use)
 
     wo = reflectance.sample(wi, fraction(bits[2]), mi.Point2f(fraction(bits[3]), fraction(bits[4])), incidence, active)
     use = active & (wo.z > 0)
@@ -343,12 +344,12 @@ def _sample(setup: Setup, reflectance: Reflectance, at: Any, bits: list) -> list
     angles = reflectance.angles(wi, wo)
     pdf = reflectance.pdf_at(wi, wo, angles[0], incidence, use)
     radiance, other = setup.environment.eval_pdf(world, use)
-    found = _weighted(reflectance, angles, radiance, pdf, other, wo.z, use)
+    found = _weighted(reflectance, angles, bits[5], radiance, pdf, other, wo.z, use)
     return [a + b for a, b in zip(lit, found)]
 
 
 def _weighted(
-    reflectance: Reflectance, angles: tuple, radiance: Any, pdf: Any, other: Any, cosine: Any, use: Any
+    reflectance: Reflectance, angles: tuple, chance: Any, radiance: Any, pdf: Any, other: Any, cosine: Any, use: Any
 ) -> list[Any]:
     """What a sample of density ``pdf`` contributes beside a technique of density ``other``, for each table."""
     import drjit as dr
@@ -356,4 +357,4 @@ def _weighted(
 
     # Power heuristic: p_a^2 / (p_a^2 + p_b^2) / p_a
     weight = radiance * (cosine * pdf / dr.maximum(pdf * pdf + other * other, 1e-30))
-    return [dr.select(use, value * weight, mi.Color3f(0)) for value in reflectance.values(angles, use)]
+    return [dr.select(use, value * weight, mi.Color3f(0)) for value in reflectance.values(angles, use, chance)]
