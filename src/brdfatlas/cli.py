@@ -339,8 +339,6 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
     if not any(meets(args, MODELS[name], surely=False) for name in models):
         raise ValueError(no_winner(args, models))
     folder = None if args.folder is None else Path(args.folder).absolute()
-    if args.folder is not None:
-        check_folder(args.folder)
     measured = read(args.file)
     if args.folder is not None:
         check_folder(args.folder, measured.name, models)

@@ -150,8 +150,8 @@ def _stem(material: str, model: str) -> str:
     return plain.encode()[:200].decode(errors="ignore")
 
 
-def check_folder(folder: str | os.PathLike, material: str = "", models: Iterable[str] = ()) -> None:
-    """Refuse, before any work, a folder in which :meth:`Recommendation.save` could not write, or whose files it would
+def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]) -> None:
+    """Refuse, before any fit, a folder in which :meth:`Recommendation.save` could not write, or whose files it would
     replace that are not of an earlier recommendation. FileFault, one line."""
     from brdfatlas.export.targets import ENDINGS
 

@@ -112,10 +112,10 @@ def test_nothing_is_written_without_a_winner(found, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_faults_are_known_before_any_fit(tmp_path, capsys):
+def test_faults_are_known_before_any_fit(material, tmp_path, capsys):
     with pytest.raises(ValueError, match="unknown target 'unreal'; known targets: mitsuba, materialx, gltf"):
         brdfatlas.recommend(tmp_path / "none.binary", target="unreal")
-    (tmp_path / "file").write_text("")
+    brdfatlas.write_merl(tmp_path / "file", material.table)
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "side-by-side.png").write_text("mine")
     for arguments in (["none.binary"], ["none.binary", "-o", "file"], ["file", "-o", "thesis"]):
