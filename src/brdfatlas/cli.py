@@ -23,8 +23,9 @@ from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
 from brdfatlas.formats.merl import write_merl
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, MeasuredError, fold
+from brdfatlas.measures.recommendation import allowed
 from brdfatlas.models import MODELS
-from brdfatlas.models.base import FitError, Model
+from brdfatlas.models.base import FitError
 
 if TYPE_CHECKING:
     from brdfatlas.rendering.images import Render
@@ -336,7 +337,10 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
     from brdfatlas.recommend import check_folder, recommend
 
     models = list(MODELS) if args.models is None else args.models.split(",")
-    if not any(meets(args, MODELS[name], surely=False) for name in models):
+    if not any(  # a model of variable size may be smaller than it states
+        allowed(model, budget=None if model.variable_size else args.budget, target=args.target)
+        for model in map(MODELS.__getitem__, models)
+    ):
         raise ValueError(no_winner(args, models))
     folder = None if args.folder is None else Path(args.folder).absolute()
     measured = read(args.file)
@@ -362,12 +366,6 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
     return {"material": found.material, "winner": found.winner.model, "models": rows, "files": files}
 
 
-def meets(args: argparse.Namespace, model: Model, *, surely: bool = True) -> bool:
-    """Whether a model meets the conditions of `recommend`; one of variable size may be smaller than it states."""
-    small = args.budget is None or model.bytes <= args.budget or (model.variable_size and not surely)
-    return small and (args.target is None or args.target in model.targets)
-
-
 def no_winner(args: argparse.Namespace, models: Sequence[str]) -> str:
     """What to say where none of ``models`` meets the conditions of `recommend`."""
     limits = [] if args.target is None else [f"exact in {args.target}"]
@@ -375,7 +373,8 @@ def no_winner(args: argparse.Namespace, models: Sequence[str]) -> str:
     others = []
     for name in MODELS:
         with contextlib.suppress(ImportError):  # another package's model
-            others += [name] if name not in models and meets(args, MODELS[name]) else []
+            able = name not in models and allowed(MODELS[name], budget=args.budget, target=args.target)
+            others += [name] if able else []
     remedy = f"models that are: {', '.join(others)}" if others else "ask for less"
     if not limits:
         return f"{args.file}: none of these models is fitted; the lines above say why"

@@ -5,6 +5,7 @@ Pure functions of numbers that exist already, so the command line and the report
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -37,22 +38,19 @@ class Candidate:
 
 
 def allowed(
-    candidate: Candidate,
+    item: Any,
     *,
     budget: int | None = None,
     target: str | None = None,
     reciprocal: bool = False,
     published: bool = False,
-    energy: bool = False,
 ) -> bool:
-    """Whether a candidate has an error and meets the conditions; see :func:`choose`."""
-    return bool(
-        np.isfinite(candidate.de00)
-        and (budget is None or candidate.bytes <= budget)
-        and (target is None or target in candidate.targets)
-        and (candidate.reciprocal or not reciprocal)
-        and not (published and candidate.status.startswith("ours"))
-        and (candidate.max_albedo <= MAX_ALBEDO or not energy)
+    """Whether a candidate, or a model that is not fitted yet, meets these conditions; see :func:`choose`."""
+    return (
+        (budget is None or item.bytes <= budget)
+        and (target is None or target in item.targets)
+        and (item.reciprocal or not reciprocal)
+        and not (published and item.status.startswith("ours"))
     )
 
 
@@ -73,7 +71,8 @@ def choose(
     one that was fitted fastest, then the first by name: the order of ``rows`` does not matter.
     """
     conditions = {"budget": budget, "target": target, "reciprocal": reciprocal, "published": published}
-    kept = [row for row in rows if allowed(row, **conditions, energy=energy)]  # type: ignore[arg-type]
+    kept = [row for row in rows if np.isfinite(row.de00) and allowed(row, **conditions)]  # type: ignore[arg-type]
+    kept = [row for row in kept if row.max_albedo <= MAX_ALBEDO or not energy]
     if not kept:
         return None
     best = min(row.de00 for row in kept)
