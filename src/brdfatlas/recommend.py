@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brdfatlas.constants import REFERENCE
-from brdfatlas.files import FileFault, atomic_path, check_output, ours, shown, write_json
+from brdfatlas.files import ENDINGS, FileFault, atomic_path, check_output, ours, shown, write_json
 from brdfatlas.fits import Fit, check_material, fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 #: Targets that ``target`` may name: materials that hold a model exactly.
 TARGETS = ("mitsuba", "materialx", "gltf")
 SCENE = "studio_sphere"
-#: Ending of a file of a recommendation -> its kind (files.ENDINGS).
-KINDS = {".npz": "fit", ".xml": "XML", ".mtlx": "MaterialX", ".gltf": "glTF", ".json": "JSON", ".png": "picture"}
+#: Ending of a file of a recommendation -> its kind.
+KINDS = {ending: kind for kind, endings in ENDINGS.items() for ending in endings}
 PICTURE, TABLE = "side-by-side.png", "recommendation.json"
 
 
@@ -101,7 +101,7 @@ class Recommendation:
 
     def _write(self, folder: Path) -> list[Path]:
         """Write what :meth:`save` says into an empty folder."""
-        from brdfatlas.export.targets import ENDINGS, export, targets_of
+        from brdfatlas.export import targets
 
         assert self.winner is not None
         chosen = self.fits[self.winner.model]
@@ -110,11 +110,10 @@ class Recommendation:
         fit_file = Path(f"{stem}.npz")
         chosen.save(fit_file)
         files = [fit_file]
-        for target in targets_of(chosen):
+        for target in targets.targets_of(chosen):
             if target != "merl":
-                files += [
-                    path for path in export(chosen, target, f"{stem}{ENDINGS[target]}", more) if path not in files
-                ]
+                made = targets.export(chosen, target, f"{stem}{targets.ENDINGS[target]}", more)
+                files += [path for path in made if path not in files]
         files += [folder / PICTURE, folder / TABLE]
         self.picture(files[-2])
         rows = [asdict(row) for row in self.rows]
@@ -153,7 +152,7 @@ def _stem(material: str, model: str) -> str:
 def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]) -> None:
     """Refuse, before any fit, a folder in which :meth:`Recommendation.save` could not write, or whose files it would
     replace that are not of an earlier recommendation. FileFault, one line."""
-    from brdfatlas.export.targets import ENDINGS
+    from brdfatlas.export import targets
 
     where = Path(folder).absolute()
     parent = next(path for path in (where, *where.parents) if path.exists())
@@ -161,7 +160,7 @@ def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]
         raise FileFault(f"{shown(folder) or repr('')}: no folder that can be written to; name another")
     if parent == where and any(where.iterdir()) and not (where / TABLE).exists():
         raise FileFault(f"{shown(folder)}: holds files that are not of an earlier recommendation; name a new folder")
-    endings = [".npz", *(ending for target, ending in ENDINGS.items() if target != "merl")]
+    endings = [".npz", *(ending for target, ending in targets.ENDINGS.items() if target != "merl")]
     for name in [PICTURE, TABLE, *(_stem(material, model) + ending for model in models for ending in endings)]:
         path = where / name
         if os.path.lexists(path) and (path.is_symlink() or not path.is_file() or not ours(path, KINDS[path.suffix])):
