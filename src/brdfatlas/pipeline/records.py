@@ -133,12 +133,8 @@ def manifest(
 
 def failures(reports: Sequence[str]) -> list[str]:
     """One line for each failed fit among report files."""
-    lines = []
-    for path in reports:
-        if read_record(path, "status")["status"] not in ("ok", ABSENT):
-            report = read_record(path, "entry", "material", "reason")
-            lines.append(f"{report['entry']} on {report['material']}: {report['reason']}")
-    return lines
+    found = [read_record(path, "status", "entry", "material", "reason") for path in reports]
+    return [f"{r['entry']} on {r['material']}: {r['reason']}" for r in found if r["status"] not in ("ok", ABSENT)]
 
 
 def check_failures_job(reports: Sequence[str], output: str) -> None:
