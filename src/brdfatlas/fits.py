@@ -361,3 +361,10 @@ def describe_fit(fitted: Fit, measured: Measured, table: np.ndarray) -> dict[str
         **fitted.report,
         "parameters": {name: array for name, array in fitted.parameters.items() if array.size <= 24},
     }
+
+
+def report_faults(report: Mapping[str, Any]) -> list[str]:
+    """What is not of its type in the report of a fit (:func:`describe_fit`, or of one that failed), in words."""
+    kinds = dict.fromkeys(("seconds", "iterations", "objective", "seed", "bytes"), (int, float, type(None)))
+    kinds |= {"objective_name": (str,), "options": (dict, type(None)), "parameters": (dict, type(None))}
+    return [f"its {key} is of another type" for key in kinds if key in report and type(report[key]) not in kinds[key]]

@@ -306,9 +306,10 @@ def report_of(fit):
     ("changes", "told"),
     [
         ({"objective": None}, ""),  # of given parameters
-        ({"objective": "abc"}, "its objective is no number"),
-        ({"objective": 0.5, "objective_name": 5}, "its objective is no number"),
-        ({"objective": [0.5]}, "its objective is no number"),
+        ({"objective": "abc"}, "its objective is of another type"),
+        ({"objective": True}, "its objective is of another type"),
+        ({"objective": 0.5, "objective_name": 5}, "its objective_name is of another type"),
+        ({"objective": [0.5]}, "its objective is of another type"),
         ({"objective": 0.5, "material": "another"}, "its material is another"),
         ({"objective": 0.5, "entry": "another"}, "its entry is another"),
         ({"objective": 0.5, "model": "ggx"}, "its model is another"),

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from brdfatlas.files import read_json, shown
-from brdfatlas.fits import Fit
+from brdfatlas.files import read_record, shown
+from brdfatlas.fits import Fit, report_faults
 
 
 class ExportError(ValueError):
@@ -71,16 +71,12 @@ def with_report(fit: Fit, path: str | os.PathLike) -> Fit:
     if fit.report or not beside.is_file():
         return fit
     try:
-        report = read_json(beside)
+        report = read_record(beside, "objective_name")
     except ValueError:
-        return fit
-    if not isinstance(report, dict) or "objective_name" not in report:
         return fit  # another program's file of that name
-    wanted = {"material": fit.material, "entry": fit.entry, "model": fit.model}
-    other = [key for key, value in wanted.items() if report.get(key) != value]
-    typed = isinstance(report.get("objective"), int | float | None) and not isinstance(report.get("objective"), bool)
-    if other or not typed or not isinstance(report["objective_name"], str):
-        fault = f"its {other[0]} is another" if other else "its objective is no number"
-        print(f"{shown(beside)}: not the report of {shown(path)} ({fault}); the error is left out", file=sys.stderr)
+    faults = [f"its {key} is another" for key in ("material", "entry", "model") if report.get(key) != getattr(fit, key)]
+    faults += report_faults(report)
+    if faults:
+        print(f"{shown(beside)}: not the report of {shown(path)} ({faults[0]}); the error is left out", file=sys.stderr)
         return fit
     return replace(fit, report=report)

@@ -1,5 +1,6 @@
 """What the report knows of a run: its files read, checked and put in order. Nothing here draws."""
 
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ import pandas as pd
 
 from brdfatlas.constants import ABSENT
 from brdfatlas.files import read_record
+from brdfatlas.fits import report_faults
 from brdfatlas.measured import RECONSTRUCTED
 from brdfatlas.measures import tsv
 from brdfatlas.measures.summary import Summary
@@ -198,16 +200,11 @@ def write_tsv(path: str | Path, frame: pd.DataFrame) -> None:
 def _fit_record(path: str | Path) -> Mapping[str, Any]:
     """The report of a fit. ValueError naming the file where a part that pages show is not of its type."""
     record = read_record(path, "status")
-    numbers = [record.get(key) for key in ("seconds", "iterations", "objective", "seed", "bytes")]
-    try:
-        numbers += [*physics_of(record).values(), golden_section_calls(record)]
-        sound = all(isinstance(number, int | float | None) for number in numbers)
-        sound &= all(isinstance(record.get(key), Mapping | None) for key in ("options", "parameters"))
-    except (TypeError, AttributeError):
-        sound = False
-    if not sound:
-        raise ValueError(f"{path}: not the report of a fit that a run writes")
-    return record
+    with contextlib.suppress(TypeError, AttributeError):
+        numbers = [*physics_of(record).values(), golden_section_calls(record)]
+        if not report_faults(record) and all(isinstance(number, int | float | None) for number in numbers):
+            return record
+    raise ValueError(f"{path}: not the report of a fit that a run writes")
 
 
 def read_material(
