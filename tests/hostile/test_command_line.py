@@ -362,6 +362,18 @@ def test_negative_numbers_stay_numbers(tmp_path):
     assert "'" not in (tmp_path / "a.tsv").read_text()
 
 
+@pytest.mark.parametrize("threads", ["0", "-1"])
+def test_numba_without_a_thread_is_one_line(threads):
+    """Numba's import fails, before the command itself begins. A program that imports the package is not ended so."""
+    code = "import sys; sys.argv = ['/usr/bin/brdfatlas', 'models']; from brdfatlas.cli import main; sys.exit(main())"
+    process = in_a_process(code, NUMBA_NUM_THREADS=threads)
+    out, err = process.communicate()
+    assert (process.returncode, out) == (1, "")
+    assert err == "brdfatlas: NUMBA_NUM_THREADS: less than one thread; set it to 1 or more, or unset it\n"
+    process = in_a_process(code.replace("/usr/bin/brdfatlas", "mine.py"), NUMBA_NUM_THREADS=threads)
+    assert "ValueError: Number of threads" in process.communicate()[1]
+
+
 @pytest.mark.parametrize(("program", "words"), [("/usr/bin/brdfatlas", ""), ("mine.py", "KeyboardInterrupt")])
 def test_an_interrupt_of_the_imports_ends_the_command_alone_quietly(program, words):
     code = f"import os, sys; sys.argv = [{program!r}]; import brdfatlas; os.kill(os.getpid(), 2)"
