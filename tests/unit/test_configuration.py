@@ -349,6 +349,17 @@ def test_the_home_folder_may_be_called_so(tmp_path, monkeypatch):
     assert read_config({"measured_folder": "~/brdfs"})["measured_folder"] == f"{tmp_path}/brdfs"
 
 
+@pytest.mark.parametrize("folder", ["$HOME/brdfs", "${HOME}/brdfs", "data/$NO_SUCH_NAME"])
+def test_a_variable_in_a_folder_is_refused(tmp_path, monkeypatch, folder):
+    """It is not expanded: stand-ins would take the place of the measurements."""
+    monkeypatch.chdir(tmp_path)
+    for key in ("measured_folder", "merl_folder"):
+        with pytest.raises(ConfigError, match=rf"^config: {key}: {re.escape(folder)}: .*not expanded, ~ is; write .*$"):
+            read_config({key: folder})
+        (tmp_path / "$1").mkdir(exist_ok=True)
+        assert read_config({key: "$1"})[key] == "$1"  # a folder that is called so
+
+
 def test_names_that_could_escape_are_refused():
     for name in ("../x", "a b", "<script>", "a/b", "", ".hidden", "-rf", "a\n"):
         with pytest.raises(ConfigError):

@@ -1,6 +1,7 @@
 """The configuration: read, completed with defaults, checked. Every fault is one line with file, key and remedy."""
 
 import os
+import re
 import sys
 import time
 from collections.abc import Iterable, Mapping
@@ -82,6 +83,8 @@ def read_config(config: Mapping[str, Any], source: str = "config") -> dict[str, 
     for key in ("measured_folder", "merl_folder"):
         config[key] = os.path.expanduser(config[key])
         folder = Path(config[key])
+        if re.search(r"\$[\w{]", config[key]) and not folder.exists():
+            raise ConfigError(f"{source}: {key}: {folder}: variables are not expanded, ~ is; write the path itself")
         if folder.exists() and not folder.is_dir():
             raise ConfigError(f"{source}: {key}: {folder}: not a folder; name the folder that holds the files")
         # A rule could take a measurement there for what it makes itself, and make it again.
