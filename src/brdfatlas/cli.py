@@ -549,8 +549,8 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--like", metavar="FILE", help="of a .csv: the directions of this table or spectral text")
     sub.add_argument(
         "--step",
-        type=number(1.0, 45.0),  # a smaller step makes a larger table than is read
-        help="of a .csv: degrees between directions of a regular table, 1 to 45, else 10",
+        type=number(1.0, 30.0),  # a smaller step makes a larger table than is read, a larger one fewer pairs
+        help="of a .csv: degrees between directions of a regular table, 1 to 30, else 10",
     )
     sub = command("standin", standin_command, writes="MERL table")
     sub.add_argument("material", nargs="?", help="name of a material of the MERL database")

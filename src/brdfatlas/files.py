@@ -112,7 +112,9 @@ def check_output(
     if ending in known and ending not in ENDINGS[kind]:
         raise FileFault(f"{name}: a {kind} is written, which ends in {' or '.join(ENDINGS[kind])}; name such an output")
     if target.exists() and not force and not ours(target, kind):
-        raise FileFault(f"{name}: exists and is no {kind} of brdfatlas; name another output, or replace it by --force")
+        raise FileFault(
+            f"{name}: exists, without the mark of a {kind} by brdfatlas; name another output, or replace it by --force"
+        )
     folder = next(parent for parent in target.parents if parent.exists())
     if not folder.is_dir():
         raise FileFault(f"{name}: {shown(folder)} is not a folder; name another output")

@@ -231,8 +231,12 @@ def _is_name(label: Any) -> bool:
     return isinstance(label, str) and 0 < len(label) < 256 and label.isprintable()
 
 
-def check_material(measured: Measured) -> None:
-    """ValueError for a material whose name would make its fit unreadable."""
+def check_material(measured: Measured, seed: int = 0) -> None:
+    """ValueError for what is no material, one whose name would make its fit unreadable, or an impossible seed."""
+    if not isinstance(measured, Measured):
+        raise ValueError(f"{str(measured)[:80]!r} is no Measured; brdfatlas.read(PATH) makes one of a file")
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise ValueError(f"seed {seed!r}: a whole number from 0 is wanted")
     if not _is_name(measured.name):
         where = f"{shown(measured.path)}: " if measured.path else ""
         rule = "a material's name has 1 to 255 printable characters; rename the file, or give Measured another name"
@@ -293,7 +297,7 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
         entry = MODELS.entry(model) if isinstance(model, str) else model
         model = entry.instance
     chosen = model.check_options(options)
-    check_material(measured)
+    check_material(measured, seed)
     where = f"{entry.name} on {measured.name}"
     table = measured.table.view()
     table.flags.writeable = False

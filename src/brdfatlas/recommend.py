@@ -192,8 +192,9 @@ def recommend(
         raise ValueError(f"unknown target {target!r}; known targets: {', '.join(TARGETS)}")
     tell = progress or (lambda line: None)
     measured = measured if isinstance(measured, Measured) else read(measured)
-    check_material(measured)
-    entries = [MODELS.entry(name) for name in dict.fromkeys(models if models is not None else MODELS)]
+    check_material(measured, seed)
+    models = [models] if isinstance(models, str) else MODELS if models is None else models
+    entries = [MODELS.entry(name) for name in dict.fromkeys(models)]
     if target is not None:
         entries = [entry for entry in entries if target in entry.instance.targets]
     fits: dict[str, Fit] = {}

@@ -24,6 +24,9 @@ BAD_TABLES = {
     "negative values only": (table("-1,-1,-1"), "negative values only"),
     "black in float32": (table("1e-50,1e-50,1e-50"), "black"),
     "angles of two units": (table(head="# angles: radians\n# angles: degrees\n"), "line 2: angles in degrees, before"),
+    "angles in gradians": (table().replace("theta_i", "theta_i (grad)"), "line 2: angles in grad; convert"),
+    "angles in thousandths": (table(head="# units: mrad\n"), "line 1: angles in mrad; convert"),
+    "an unknown kind": (table(head="# kind: synthetic\n"), "line 1: kind: 'synthetic'; write one of: measured"),
     "angles of no known unit": (table(head="# angles: gons\n"), "line 1: angles: 'gons'; write"),
     "an azimuth of thousands of turns": (table(azimuth="{}e15"), "an azimuth of "),
 }
@@ -59,6 +62,17 @@ def quantity_read(folder, text):
 def test_what_a_table_says_of_its_values_is_understood(tmp_path, words, quantity):
     assert quantity_read(tmp_path, table(head=f"# values: {words}\n")) == quantity
     assert quantity_read(tmp_path, one_column(words)) == quantity
+
+
+def test_comments_count_wherever_they_stand(tmp_path):
+    assert quantity_read(tmp_path, table(head="") + "# values: f cos\n") == "f cos"
+
+
+def test_columns_and_characters_that_are_not_needed_do_no_harm(tmp_path):
+    """A name for each row; a separator of lines that is none in a table."""
+    rows = [line + ("" if line[0] == "#" else ",name" if "theta" in line else ",s1") for line in table().splitlines()]
+    text = "# note: one\u2028two\n" + "\n".join(rows) + "\n"
+    assert quantity_read(tmp_path, text) == quantity_read(tmp_path, table())
 
 
 @pytest.mark.parametrize(

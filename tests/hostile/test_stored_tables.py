@@ -143,3 +143,17 @@ def test_directions_that_are_no_unit_vectors_are_refused():
     for wi, wo in [(2 * up, up), (up, np.stack([up, 0.9 * up])), (0 * up, up)]:
         with pytest.raises(ValueError, match=r"a direction of length .*; unit vectors are needed"):
             measured.evaluate(wi, wo)
+
+
+@pytest.mark.parametrize("call", [brdfatlas.fit, lambda model, *rest, **named: brdfatlas.recommend(*rest, **named)])
+def test_seeds_that_are_none_are_refused_before_any_fit(call):
+    for seed in (-1, 1.5, "1"):
+        with pytest.raises(ValueError, match=f"seed {seed!r}: a whole number from 0"):
+            call("lambert", Measured("felt", grey()), seed=seed)
+
+
+def test_a_path_is_no_material_and_one_name_is_a_list_of_one(tmp_path):
+    with pytest.raises(ValueError, match=r"'m.binary' is no Measured; brdfatlas.read\(PATH\)"):
+        brdfatlas.fit("lambert", "m.binary")
+    with pytest.raises(KeyError, match="no_such_model"):
+        brdfatlas.recommend(Measured("felt", grey()), models="no_such_model")

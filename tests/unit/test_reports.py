@@ -353,14 +353,15 @@ def test_fits_are_copied_with_their_parameters(tmp_path):
     Fit("ward", "chrome", values).save(tmp_path / "ward.npz")
     Fit("bivariate", "chrome", {"b": np.ones((3, 90, 90), np.float32)}).save(tmp_path / "bivariate.npz")
     (tmp_path / "ggx.npz").write_bytes(b"")
-    (tmp_path / "out" / "textures").mkdir(parents=True)
-    for name in ("ggx.npz", "ggx.json", "ward.blend", "textures/a.png"):
-        (tmp_path / "out" / name).write_bytes(b"left")
-    written = write_fit_files([tmp_path / f"{name}.npz" for name in ("ward", "bivariate", "ggx")], tmp_path / "out")
-    assert sorted([*written, "ward.blend", "textures"]) == sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert (tmp_path / "out/textures/a.png").exists()
-    assert set(written) == {"ward.npz", "ward.json", "bivariate.npz"}
-    assert load_fit(tmp_path / "out" / "ward.npz") == import_json(tmp_path / "out" / "ward.json")
+    out = tmp_path / "chrome/fits"
+    (out / "textures").mkdir(parents=True)
+    for name in ("chrome-ggx.npz", "chrome-ggx.json", "ward.blend", "textures/a.png"):
+        (out / name).write_bytes(b"left")
+    written = write_fit_files([tmp_path / f"{name}.npz" for name in ("ward", "bivariate", "ggx")], out)
+    assert sorted([*written, "ward.blend", "textures"]) == sorted(path.name for path in out.iterdir())
+    assert (out / "textures/a.png").exists()
+    assert set(written) == {"chrome-ward.npz", "chrome-ward.json", "chrome-bivariate.npz"}
+    assert load_fit(out / "chrome-ward.npz") == import_json(out / "chrome-ward.json")
 
 
 def test_no_link_is_escaped_twice(run):

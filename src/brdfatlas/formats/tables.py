@@ -1,9 +1,9 @@
 """Tables of one's own, ``.csv``: a row a pair of directions.
 
 Columns theta_i, phi_i, theta_o, phi_o in degrees, or wi_x, wi_y, wi_z, wo_x, wo_y, wo_z; then r, g, b or one value.
-Separated by commas, semicolons, tabs or spaces. Lines before the names of the columns that begin with ``#`` say what
-the values are and where they come from: ``# values: f`` (1/sr), ``# values: f cos`` (times cos theta_o) or ``#
-values: reflectance factor`` (pi f); ``# angles: radians``; ``# source:``, ``# instrument:``, ``# note:`` as they are.
+Separated by commas, semicolons, tabs or spaces. Lines that begin with ``#`` say what the values are and where they
+come from: ``# values: f`` (1/sr), ``# values: f cos`` (times cos theta_o) or ``# values: reflectance factor`` (pi f);
+``# angles: radians``; ``# source:``, ``# instrument:``, ``# note:`` as they are.
 What is said of the values in other words is refused: to take them for something else would be off by a cosine or by pi.
 """
 
@@ -45,6 +45,7 @@ _SPEAKS = re.compile(
     r"^values? (are|is) |(?<![a-z])f?cos(ine)?s?(?![a-z])|cos_?(theta|θ)|(reflectance|radiance) factor"
 )
 _ANGLE = re.compile(r"\b(deg|rad)(rees?|ians?)?\b")
+_OTHER_ANGLE = re.compile(r"\b(grad(e|ian)?s?|gons?|m(illi)?rad(ian)?s?|turns?|revolutions?|arc ?(min|sec)\w*)\b")
 _UNIT = re.compile(r"(\bin\s+)?[\[(]?(1\s*/\s*sr|sr\s*(\^|\*\*)?\s*[{(]?-\s*1[})]?|sr⁻¹)[\])]?$")
 
 
@@ -101,24 +102,29 @@ def _header(path: Path, lines: list[str]) -> _Header:
         text = line.strip()
         if not text:
             continue
-        if not text.startswith("#"):
+        if text.startswith("#"):
+            _comment(path, number, text.lstrip("# \t"), header)
+        elif not header.line:
             header.line = number
-            break
-        _comment(path, number, text.lstrip("# \t"), header)
-    else:
+    if not header.line:
         raise MeasuredError(f"{path}: no line with the names of the columns; {_wanted()}")
     names = lines[header.line - 1]
     header.separator = next((s for s in ";,\t" if s in names), None)
     raw = [name.strip() for name in names.split(header.separator)]
     header.columns = [_column(name) for name in raw]
     for name, column in zip(raw, header.columns):
-        unit = _ANGLE.search(name.lower().replace("_", " "))
-        if unit and column in ANGLES:
-            _angles(path, header.line, unit, header)
+        if column in ANGLES:
+            _angles(path, header.line, name.lower().replace("_", " "), header)
     return header
 
 
-def _angles(path: Path, number: int, said: re.Match, header: _Header) -> None:
+def _angles(path: Path, number: int, text: str, header: _Header) -> None:
+    """What ``text`` says of the unit of angles, if anything."""
+    other, said = _OTHER_ANGLE.search(text), _ANGLE.search(text)
+    if other:
+        raise MeasuredError(f"{path}: line {number}: angles in {other[0]}; convert them to degrees or radians")
+    if not said:
+        return
     unit = "degrees" if said[1] == "deg" else "radians"
     if header.angles not in ("", unit):
         raise MeasuredError(f"{path}: line {number}: angles in {unit}, before: {header.angles}; keep the right one")
@@ -139,15 +145,18 @@ def _comment(path: Path, number: int, text: str, header: _Header) -> None:
             )
         if not header.quantity:
             raise MeasuredError(f"{path}: line {number}: values: {value[:60]!r}; write one of: {', '.join(QUANTITIES)}")
-    elif colon and (key in ("angle", "angles") or (key in ("unit", "units") and _ANGLE.search(value.lower()))):
-        unit = _ANGLE.fullmatch(value.lower())
-        if not unit:
+    elif colon and key in ("unit", "units"):
+        _angles(path, number, value.lower(), header)
+    elif colon and key in ("angle", "angles"):
+        if not _ANGLE.fullmatch(value.lower()):
             raise MeasuredError(f"{path}: line {number}: {key}: {value[:60]!r}; write # angles: degrees, or radians")
-        _angles(path, number, unit, header)
+        _angles(path, number, value.lower(), header)
     elif colon and key in ("source", "instrument", "note"):
         header.said[key] = "".join(c if c.isprintable() else " " for c in value)[:500]
-    elif colon and key == "kind" and value in KINDS:
-        header.said[key] = value
+    elif colon and key == "kind":
+        if value.lower() not in KINDS:
+            raise MeasuredError(f"{path}: line {number}: kind: {value[:60]!r}; write one of: {', '.join(KINDS)}")
+        header.said[key] = value.lower()
     elif _SPEAKS.search(text.lower()):
         header.unclear = header.unclear or f"line {number}: {text[:60]!r}"
 
@@ -187,8 +196,8 @@ def _columns(path: Path, header: _Header) -> tuple[list[int], list[int]]:
     return [known.index(name) for name in wanted], places
 
 
-def _rows(path: Path, lines: list[str], header: _Header) -> tuple[np.ndarray, np.ndarray]:
-    """Every row as numbers (n, columns), and its line (n)."""
+def _rows(path: Path, lines: list[str], header: _Header, columns: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """``columns`` of every row as numbers (n, columns), and its line (n)."""
     rows, places = [], []
     for number, line in enumerate(lines[header.line :], header.line + 1):
         if line.strip() and not line.lstrip().startswith("#"):
@@ -197,7 +206,7 @@ def _rows(path: Path, lines: list[str], header: _Header) -> tuple[np.ndarray, np
                 raise MeasuredError(
                     f"{path}: line {number}: {len(cells)} cells, the names of the columns are {len(header.columns)}"
                 )
-            rows.append(cells)
+            rows.append([cells[column] for column in columns])
             places.append(number)
     if not rows:
         raise MeasuredError(f"{path}: no row after the names of the columns")
@@ -216,19 +225,18 @@ def _rows(path: Path, lines: list[str], header: _Header) -> tuple[np.ndarray, np
 
 def _load(path: str | os.PathLike) -> tuple[Samples, dict[str, str], tuple[str, ...]]:
     path = Path(path)
-    lines = read_text(path, MOST_BYTES).splitlines()
+    lines = re.split(r"\r\n|\r|\n", read_text(path, MOST_BYTES))
     header = _header(path, lines)
     directions, channels = _columns(path, header)
     if header.unclear and not header.quantity:
         raise MeasuredError(f"{path}: {header.unclear}; write # values: and one of: {', '.join(QUANTITIES)}")
-    rows, places = _rows(path, lines, header)
-    used = rows[:, directions + channels]
-    if not np.isfinite(used).all():
-        at = int(np.flatnonzero(~np.isfinite(used).all(1))[0])
+    rows, places = _rows(path, lines, header, directions + channels)
+    if not np.isfinite(rows).all():
+        at = int(np.flatnonzero(~np.isfinite(rows).all(1))[0])
         raise MeasuredError(f"{path}: line {places[at]}: NaN or Inf; remove the row or correct it")
     unit = "vectors" if len(directions) == 6 else header.angles or "degrees"
-    wi, wo, keep, warnings = on_sphere(path, rows[:, directions], places, unit)
-    values = rows[np.ix_(keep, channels)]
+    wi, wo, keep, warnings = on_sphere(path, rows[:, : len(directions)], places, unit)
+    values = rows[keep, len(directions) :]
     if header.quantity == F_COS:
         values = values / wo[:, 2:]
     elif header.quantity == FACTOR:

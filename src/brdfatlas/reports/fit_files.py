@@ -1,5 +1,5 @@
-"""The files of a fit below reports/, so that a copy of that folder is complete: ``fits/{model}{ending}`` beside the
-pictures of its material."""
+"""The files of a fit below reports/, so that a copy of that folder is complete: ``fits/{material}-{model}{ending}``
+beside the pictures of its material."""
 
 import os
 import shutil
@@ -31,21 +31,29 @@ def fits_folder(material_folder: str | Path) -> Path:
     return Path(material_folder) / "fits"
 
 
+def stem_of(material: str, model: str) -> str:
+    """The name of a fit's files without ending: it says which material, as they are taken elsewhere."""
+    return f"{material}-{model}"
+
+
 def files_of(material_folder: str | Path, model: str) -> list[str]:
     """The endings of the files that a fit has there."""
     folder = fits_folder(material_folder)
-    return [ending for ending in ENDINGS if (folder / f"{model}{ending}").is_file()]
+    stem = stem_of(Path(material_folder).name, model)
+    return [ending for ending in ENDINGS if (folder / f"{stem}{ending}").is_file()]
 
 
 def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike) -> list[str]:
-    """Copy every good fit (.npz; a failed one is an empty file) into ``folder``, with its parameters as JSON, up to
-    :data:`MOST_NUMBERS`, and the material of each engine that can hold it exactly; returns the names of the files.
-    Those that an earlier run made of these fits and this one does not are removed, and nothing else."""
+    """Copy every good fit ({model}.npz; a failed one is an empty file) into ``folder``, {material}/fits, with its
+    parameters as JSON, up to :data:`MOST_NUMBERS`, and the material of each engine that can hold it exactly; returns
+    the names of the files. Those that an earlier run made of these fits and this one does not are removed, and nothing
+    else."""
     folder, written = Path(folder), set()
-    for path in map(Path, fits):
+    stems = {path: stem_of(folder.parent.name, path.stem) for path in map(Path, fits)}
+    for path, stem in stems.items():
         if not path.stat().st_size:
             continue
-        target = folder / path.name
+        target = folder / f"{stem}.npz"
         with atomic_path(target) as temporary:
             shutil.copyfile(path, temporary)
         written.add(target.name)
@@ -53,10 +61,10 @@ def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike
         text = ["json"] if sum(np.size(values) for values in fit.parameters.values()) <= MOST_NUMBERS else []
         for name in (*text, *(name for name in STANDARD if name in fit.instance.targets)):
             try:
-                written |= {made.name for made in export(fit, name, folder / f"{path.stem}{TARGET_ENDINGS[name]}")}
+                written |= {made.name for made in export(fit, name, folder / f"{stem}{TARGET_ENDINGS[name]}")}
             except ExportError as error:
                 print(f"{path}: not exported to {name}: {error}")
-    for name in (f"{Path(path).stem}{ending}" for path in fits for ending in ENDINGS):
+    for name in (f"{stem}{ending}" for stem in stems.values() for ending in ENDINGS):
         if name not in written:
             (folder / name).unlink(missing_ok=True)
     return sorted(written)

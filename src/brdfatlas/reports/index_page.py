@@ -368,10 +368,11 @@ def _value_columns(
 
 
 def rounded(value: Any) -> float | None:
-    """A number for a script, four significant digits; None where there is none."""
+    """A number for a script, six significant digits: it is rounded once more where it is shown; None where there is
+    none."""
     if value is None or isinstance(value, str):
         return None
     value = float(value)
     if math.isnan(value):
         return None
-    return value if math.isinf(value) else float(f"{value:.4g}")
+    return value if math.isinf(value) else float(f"{value:.6g}")

@@ -27,7 +27,7 @@ from brdfatlas.reports.data import (
     summarise_run,
     write_tsv,
 )
-from brdfatlas.reports.fit_files import ENDINGS, files_of
+from brdfatlas.reports.fit_files import ENDINGS, files_of, stem_of
 from brdfatlas.reports.formats import digits, integer, number, storage
 from brdfatlas.reports.pages import Picture, find_picture, render_page, write_thumbnail
 
@@ -126,7 +126,7 @@ def write_material_page(
     summary = summarise_run([material], {name: model_facts(name) for name in models})
     entries = make_entries(material, summary, scenes, published)
     for entry in entries:
-        base = f"{quote(material.name)}/fits/{quote(entry.name)}"
+        base = f"{quote(material.name)}/fits/{quote(stem_of(material.name, entry.name))}"
         entry.files = [(end, f"{base}{end}", ENDINGS[end]) for end in files_of(pictures, entry.name)]
     write_thumbnail(pictures, scenes, models)
     place = list(materials).index(material.name)
