@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.files import check_regular, plain, read_npz, shown, write_npz
 from brdfatlas.measured import Measured, fold
-from brdfatlas.models import MODELS, Entry, load_model, own_faults
+from brdfatlas.models import MODELS, Entry, is_ours, load_model, own_faults
 from brdfatlas.models.base import Factors, FitError, Function, Model, Result, numbers
 from brdfatlas.models.given import outside_range, read_parameters
 from brdfatlas.sampling import Sampler
@@ -108,16 +108,29 @@ class Fit:
         return table if self.instance.reciprocal else np.concatenate([table, table[:, :, ::-1]], 2)
 
     def sampler(self) -> Sampler | None:
-        """The importance sampler of the fit; None for a model without a sampling procedure."""
-        return self.instance.sampler(self.parameters)
+        """The importance sampler of the fit; None for a model without a sampling procedure. FitError, as those below,
+        for a fault in a model from outside the package."""
+        return self._told("sampler", Sampler | None)
 
     def functions(self) -> tuple[Function, ...]:
         """The named functions of the fit, none for a model that has none."""
-        return self.instance.functions(self.parameters)
+        return self._told("functions", tuple)
 
     def factors(self) -> Factors | None:
         """The fit as a sum of products; None for a model that is none."""
-        return self.instance.factors(self.parameters)
+        return self._told("factors", Factors | None)
+
+    def material_for(self, target: str) -> Mapping[str, Any] | None:
+        """The fit as a material of ``target`` ("mitsuba", "materialx", "gltf"); None where that cannot be exact."""
+        return self._told("material", Mapping | None, target)
+
+    def _told(self, hook: str, kind: Any, *more: str) -> Any:
+        """What the model says of itself in answer to a hook."""
+        with own_faults(self.instance, self.material):
+            found = getattr(self.instance, hook)(self.parameters, *more)
+            if not isinstance(found, kind):
+                raise TypeError(f"{hook} gives a {type(found).__name__}")
+            return found
 
     def save(self, path: str | os.PathLike) -> None:
         """Write as npz without pickle; equal fits give equal bytes."""
@@ -260,7 +273,8 @@ def fault_of(model: Model, parameters: Mapping[str, np.ndarray], options: Mappin
     if fault:
         return fault
     for parameter in stated:
-        array, bound = parameters[parameter.name], np.dtype(parameter.dtype).type
+        array = parameters[parameter.name]
+        bound = array.dtype.type if array.dtype.kind == "f" else float  # inf is no whole number
         if (array < bound(parameter.low)).any() or (array > bound(parameter.high)).any():
             return f"{parameter.name} is not within {parameter.low:g} to {parameter.high:g}"
     return ""
@@ -331,6 +345,12 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     labels = {"entry": entry.name, "source": entry.source}
     fitted = Fit(entry.model, measured.name, parameters, chosen, measured.standin, report, **labels)
     vars(fitted)["instance"] = model  # also one that no name leads to
+    if not is_ours(model):  # what every later command would find
+        fault = fault_of(model, parameters, chosen)
+        if fault:
+            raise FitError(f"{where}: {fault}")
+        for hook in (fitted.sampler, fitted.functions, fitted.factors):
+            hook()
     return fitted
 
 

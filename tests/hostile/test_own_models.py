@@ -8,6 +8,7 @@ from own_model import OWN_MODEL
 
 import brdfatlas
 from brdfatlas.cli import main
+from brdfatlas.export.uber_texture import has_row
 from brdfatlas.fits import Fit
 from brdfatlas.models import Entry, loading, name_sources
 from brdfatlas.models.base import FitError, Result
@@ -45,6 +46,18 @@ AT_IMPORT = {
     "two models": OWN_MODEL + OWN_MODEL.replace("class Mine", "class Other"),
     "another name": OWN_MODEL.replace('"mine"', '"other"'),
     "no parameters": OWN_MODEL.replace("    parameters = (P", "    unknowns = (P"),
+    "a paper of text": OWN_MODEL.replace('Paper("A. Author", "Mine", "Home", 2020)', '"Author 2020"'),
+    "a paper by nobody": OWN_MODEL.replace("A. Author", "A. Author, "),
+    "a parameter called by a number": OWN_MODEL.replace('Parameter("a"', "Parameter(1"),
+    "a parameter in a folder": OWN_MODEL.replace('Parameter("a"', 'Parameter("a/b"'),
+    "a shape that is a number": OWN_MODEL.replace("(3,),", "3,"),
+    "a shape of nothing": OWN_MODEL.replace("(3,),", "(0,),"),
+    "a bound of None": OWN_MODEL.replace('"", 0.0)', '"", None)'),
+    "a parameter twice": OWN_MODEL.replace('"", 0.0),)', '"", 0.0),) * 2'),
+    "parameters that are none": OWN_MODEL.replace("(Parameter(", "((").replace('"", 0.0),)', '"", 0.0),)'),
+    "no parameter at all": OWN_MODEL.replace('(Parameter("a", (3,), "albedo", "", 0.0),)', "()"),
+    "options in a list": OWN_MODEL.replace('formula = "a"', 'formula = "a"\n    options = ["a"]'),
+    "options that are numbers": OWN_MODEL.replace('formula = "a"', 'formula = "a"\n    options = {"k": 3}'),
     "a constructor that fails": OWN_MODEL + "\n    def __init__(self):\n        raise OSError\n",
 }
 
@@ -63,7 +76,15 @@ def test_a_source_ends_in_py(refused, linked, name):
     refused([name if item == "model.py" else item for item in FIT], name, ".py")
 
 
+def with_hook(name, body):
+    return f"{OWN_MODEL}\n    def {name}(self, parameters):\n        {body}\n"
+
+
 WHILE_FITTING = {
+    "factors of another kind": with_hook("factors", "return 'D F G'"),
+    "a sampler that fails": with_hook("sampler", "return 1 / 0"),
+    "functions that are none": with_hook("functions", "return None"),
+    "a value out of its range": OWN_MODEL.replace("np.ones(3)", "-np.ones(3)"),
     "sys.exit(0)": in_fit("sys.exit(0)"),
     "zero division": in_fit("1 / 0"),
     "a write to the table": in_fit("measured.table[:] = 0"),
@@ -91,6 +112,22 @@ def test_a_fit_that_fails(refused, linked, what):
     linked("measured.binary")
     (refused.folder / "model.py").write_text(WHILE_FITTING[what])
     refused(FIT, "mine on measured: ")
+
+
+@pytest.mark.parametrize("body", ["return 'D F G'", "return 1 / 0", "return parameters['b']", "raise SystemExit"])
+def test_a_plan_is_made_whatever_a_model_says_of_its_factors(tmp_path, body):
+    (tmp_path / "model.py").write_text(with_hook("factors", body))
+    assert not has_row(loading.load_model("mine", tmp_path / "model.py"))
+
+
+def test_bounds_of_whole_numbers_are_numbers(linked, tmp_path, monkeypatch):
+    """Infinity, the default, is no int8."""
+    linked("measured.binary")
+    monkeypatch.chdir(tmp_path)
+    model = OWN_MODEL.replace('"", 0.0)', '"", 0, dtype="int8")')
+    (tmp_path / "model.py").write_text(model)
+    assert main(FIT) == 0
+    assert brdfatlas.load_fit(tmp_path / "out.npz").parameters["a"].dtype == np.int8
 
 
 @pytest.mark.parametrize("what", WHILE_FITTING)

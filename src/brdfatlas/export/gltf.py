@@ -30,7 +30,7 @@ def sphere(rows: int = 24, columns: int = 48) -> tuple[np.ndarray, np.ndarray]:
 
 def gltf_of(fit: Fit, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """The glTF document. ExportError for a model that the material of glTF 2.0 cannot hold."""
-    material = fit.instance.material(fit.parameters, "gltf")
+    material = fit.material_for("gltf")
     if material is None:
         raise ExportError(f"{fit.entry}: no material of glTF 2.0 is exactly this model")
     told = facts(fit, more) | {"roughness": "`roughnessFactor` is perceptual; alpha is its square"}

@@ -20,7 +20,7 @@ ROUGHNESS = {
 
 def materialx_of(fit: Fit, more: Mapping[str, Any] | None = None) -> str:
     """The document as XML text; it needs no library. ExportError for a model that no standard node is exactly."""
-    material = fit.instance.material(fit.parameters, "materialx")
+    material = fit.material_for("materialx")
     if material is None:
         raise ExportError(f"{fit.entry}: no surface shader of MaterialX is exactly this model")
     told = facts(fit, more) | {"roughness": ROUGHNESS[material["node"]]}

@@ -22,7 +22,7 @@ ROUGHNESS = {
 def mitsuba_dict(fit: Fit, filename: str | os.PathLike = "") -> dict[str, Any]:
     """The material for ``mitsuba.load_dict``: stock where the model's hook knows one, else ``{"type": "brdfatlas",
     "filename": filename}``, which needs the saved fit and ``brdfatlas.rendering.register()``."""
-    stock = fit.instance.material(fit.parameters, "mitsuba")
+    stock = fit.material_for("mitsuba")
     return dict(stock) if stock else {"type": "brdfatlas", "filename": os.fspath(filename)}
 
 

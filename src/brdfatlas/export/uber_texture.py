@@ -14,6 +14,7 @@ Rows without a material are 0. The file is an EXR with float32 channels R, G, B 
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +22,8 @@ import numpy as np
 
 from brdfatlas.files import atomic_path, read_record
 from brdfatlas.fits import Fit, load_fit
-from brdfatlas.models.base import Factors, Model
+from brdfatlas.models import own_faults
+from brdfatlas.models.base import Factors, FitError, Model
 
 WIDTH, HEIGHT = 512, 128
 D_AT, F_AT, G_AT, RHO_D_AT, RHO_S_AT = 0, 90, 180, 270, 271
@@ -61,8 +63,11 @@ def one_product(factors: Factors | None) -> bool:
 
 
 def has_row(model: Model) -> bool:
-    """Whether fits of a model have a row in an uber-texture."""
-    return one_product(model.factors({p.name: np.ones(p.shape, p.dtype) for p in model.parameters}))
+    """Whether fits of a model have a row in an uber-texture; False for a model from outside that cannot say."""
+    parameters = {p.name: np.ones(p.shape, p.dtype) for p in model.parameters}
+    with suppress(FitError), own_faults(model, "any material"):
+        return one_product(model.factors(parameters))
+    return False
 
 
 def build_uber_texture(fits: Sequence[Fit]) -> UberTexture:

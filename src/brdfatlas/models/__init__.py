@@ -13,12 +13,13 @@ from typing import Any
 
 from brdfatlas.models.base import Model
 from brdfatlas.models.entries import Entry, builtin_entries, read_entries
-from brdfatlas.models.loading import BUILTIN, installed_models, load_model, load_model_file, own_faults
+from brdfatlas.models.loading import BUILTIN, installed_models, is_ours, load_model, load_model_file, own_faults
 
 __all__ = [
     "MODELS",
     "Entry",
     "Registry",
+    "is_ours",
     "load_model",
     "load_model_file",
     "name_sources",

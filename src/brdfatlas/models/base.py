@@ -1,6 +1,7 @@
 """What a model is: a paper, its parameters, ``fit`` and ``evaluate``. Everything else works with that alone."""
 
 import copy
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -31,6 +32,10 @@ class Paper:
     year: int
     doi: str = ""
 
+    def __post_init__(self) -> None:
+        if not all(author.strip() for author in self.authors.split(", ")):
+            raise ValueError(f"a paper by {self.authors!r}; write First Last, First Last")
+
     @property
     def short(self) -> str:
         """Such as "Dupuy et al. 2015"."""
@@ -50,6 +55,15 @@ class Parameter:
     low: float = -np.inf
     high: float = np.inf
     dtype: str = "float32"
+
+    def __post_init__(self) -> None:
+        kind = np.dtype(self.dtype).kind
+        if not isinstance(self.name, str) or not re.fullmatch(r"\w+", self.name):
+            raise ValueError(f"a parameter called {self.name!r}; letters, digits and _ make a name")
+        if not isinstance(self.shape, tuple) or not all(isinstance(n, int) and n > 0 for n in self.shape):
+            raise ValueError(f"parameter {self.name}: shape {self.shape!r}; a tuple of whole numbers from 1 is wanted")
+        if kind not in "fiu" or not isinstance(self.low, Real) or not isinstance(self.high, Real):
+            raise ValueError(f"parameter {self.name}: numbers, with numbers for low and high, are wanted")
 
     @property
     def count(self) -> int:

@@ -10,7 +10,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from brdfatlas.models.base import FitError, Model
+from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter
 
 #: name of a class -> its module.
 BUILTIN = {
@@ -42,8 +42,8 @@ BUILTIN = {
 }
 #: The group of entry points by which an installed package offers models, name = "package.module:Class".
 GROUP = "brdfatlas.models"
-#: What a class must say of its model, beside ``fit`` and ``evaluate``.
-STATED = ("name", "title", "paper", "equations", "formula", "parameters")
+#: What a class must say of its model, beside ``fit`` and ``evaluate``, and its type.
+STATED = {"name": str, "title": str, "paper": Paper, "equations": str, "formula": str, "parameters": tuple}
 
 
 def installed_models() -> dict[str, str]:
@@ -79,7 +79,7 @@ def load_model_file(path: str | Path, name: str | None = None) -> Model:
         spec.loader.exec_module(module)
     model = _only_model(module, str(path), name)
     with _loading(str(path), str(spec.origin)):
-        return model()
+        return _checked(model())
 
 
 @cache
@@ -94,8 +94,23 @@ def _by_name(name: str) -> Model:
     for point in entry_points(group=GROUP):
         if point.name == name:
             with _loading(point.value):
-                return point.load()()
+                return _checked(point.load()())
     raise KeyError(f"unknown model {name!r}; known: {', '.join([*BUILTIN, *installed_models()])}")
+
+
+def _checked(model: Model) -> Model:
+    """``model``, if what it states is of its type: pages, fits and exports rely on that. TypeError or ValueError."""
+    for name, kind in STATED.items():
+        if not isinstance(getattr(model, name), kind):
+            raise TypeError(f"{name} is a {type(getattr(model, name)).__name__}, not a {kind.__name__}")
+    names = [parameter.name for parameter in model.parameters if isinstance(parameter, Parameter)]
+    if not names or len(names) != len(model.parameters) or len(set(names)) != len(names):
+        raise TypeError("parameters is no tuple of Parameter, each of another name")
+    if not all(isinstance(key, str) and isinstance(option, Option) for key, option in dict(model.options).items()):
+        raise TypeError("options is no mapping of names to Option")
+    if "seed" in model.options:
+        raise ValueError("an option called seed, which every fit has; rename it")
+    return model
 
 
 def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
@@ -135,6 +150,11 @@ def _loading(origin: str, file: str = "") -> Iterator[None]:
         raise ImportError(" ".join(f"{origin}: {place}{type(error).__name__}: {message}".split())) from error
 
 
+def is_ours(model: Model) -> bool:
+    """Whether a model's class is of this package."""
+    return type(model).__module__.startswith("brdfatlas.")
+
+
 @contextmanager
 def own_faults(model: Model, material: str) -> Iterator[None]:
     """Any fault in the code of a model from outside as FitError: one line with its place in the model's file."""
@@ -144,7 +164,7 @@ def own_faults(model: Model, material: str) -> Iterator[None]:
     except (MemoryError, OSError, FitError):
         raise
     except (Exception, SystemExit) as error:
-        if type(model).__module__.startswith("brdfatlas."):
+        if is_ours(model):
             raise
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         place = f"{file}: line {lines[-1]}: " if lines else ""

@@ -13,6 +13,7 @@ from brdfatlas.export.targets import ENDINGS as TARGET_ENDINGS
 from brdfatlas.export.targets import STANDARD, export
 from brdfatlas.files import atomic_path, digests, write_json
 from brdfatlas.fits import load_fit
+from brdfatlas.models.base import FitError
 
 #: Endings of a fit's files, in the order of the page, with what each is for.
 ENDINGS: Mapping[str, str] = {
@@ -62,7 +63,7 @@ def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike
         for name in (*text, *(name for name in STANDARD if name in fit.instance.targets)):
             try:
                 written |= {made.name for made in export(fit, name, folder / f"{stem}{TARGET_ENDINGS[name]}")}
-            except ExportError as error:
+            except (ExportError, FitError) as error:
                 print(f"{path}: not exported to {name}: {error}")
     for name in (f"{stem}{ending}" for stem in stems.values() for ending in ENDINGS):
         if name not in written:
