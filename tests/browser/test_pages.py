@@ -319,7 +319,7 @@ def test_every_model_has_its_fit_and_parameters(tab, site):
         assert endings == ([] if model == "toy_03" else [".npz", ".json"])
         assert fold.locator("tbody tr").count() == 2, "kd and n"
     page.locator("#snippet-model").select_option("toy_04")
-    assert "toy_04.npz" in page.locator("#snippet-xml").inner_text()
+    assert "-toy_04.npz" in page.locator("#snippet-xml").inner_text()
 
 
 def shown(page) -> str:

@@ -263,15 +263,17 @@ def test_scalar_variant_takes_every_seed_and_tells_batches_apart():
     assert all((a != b).any() for i, a in enumerate(pictures) for b in pictures[:i])
 
 
-def test_the_unit_of_length_is_free():
-    """A scene a thousand times as large has the same picture, within the rounding of Mitsuba's float32 positions."""
+@pytest.mark.parametrize("unit", [1e-3, 1e3, 1e6])
+def test_the_unit_of_length_is_free(unit):
+    """A scene in another unit of length has the same picture, within the rounding of Mitsuba's float32 positions."""
+    variant()
     definition = deepcopy(SCENES["overcast_statue"])
     definition["camera"] = {
-        key: [1000.0 * x for x in v] if isinstance(v, list) else v for key, v in definition["camera"].items()
+        key: [unit * x for x in v] if isinstance(v, list) else v for key, v in definition["camera"].items()
     }
     for shape in definition["geometry"]:
-        shape["size"] = 1000.0 * shape["size"]
-        shape["position"] = [1000.0 * x for x in shape["position"]]
+        shape["size"] = unit * shape["size"]
+        shape["position"] = [unit * x for x in shape["position"]]
     small, large = (
         render_scene(prepare_scene("s", item, 16, samples=16), material(0.3), samples=64, batches=2, seed=1)
         for item in (SCENES["overcast_statue"], definition)

@@ -57,6 +57,8 @@ def test_the_built_in_scenes_are_complete():
         ("samples", 0, r"mine.samples: 0"),
         ("environment.kind", "disco", r"mine.environment.kind: 'disco'"),
         ("environment.kind", "file", r"mine.environment.file: .*name a light probe"),
+        ("environment.scale", 1e30, r"mine.environment.scale: 1e\+30"),
+        ("environment.scale", 1e-40, r"mine.environment.scale: 1e-40"),
         ("environment.file", "a.hdr", r"mine.environment.file: .*remove it or set kind: file"),
         ("geometry.0.shape", "teapot", r"mine.geometry.0.shape: 'teapot'"),
         ("geometry.0.shape", "mesh", r"mine.geometry.0.file: a mesh needs"),

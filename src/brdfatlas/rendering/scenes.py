@@ -223,11 +223,14 @@ def mitsuba_scene(
         "component_format": "float32",
         "filter": {"type": "box"},
     }
+    # Mitsuba's own clipping distances are 0.01 and 10000: too few for a scene in other units of length.
+    distance = float(np.linalg.norm(np.subtract(camera["target"], camera["origin"])))
+    clip = {"near_clip": min(1e-2, 1e-3 * distance), "far_clip": max(1e4, 1e3 * distance)}
     view = transform().look_at(origin=camera["origin"], target=camera["target"], up=[0, 1, 0])
     result = {
         "type": "scene",
         "integrator": integrator or {"type": "direct"},
-        "sensor": {"type": "perspective", "fov": camera["fov"], "to_world": view, "film": film},
+        "sensor": {"type": "perspective", "fov": camera["fov"], "to_world": view, "film": film} | clip,
         "light": {"type": "envmap", "bitmap": mi.Bitmap(scene.environment)},
     }
     material = mi.load_dict(material) if isinstance(material, dict) else material
