@@ -155,7 +155,7 @@ def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]
     from brdfatlas.export import targets
 
     where = Path(folder).absolute()
-    parent = next(path for path in (where, *where.parents) if path.exists())
+    parent = next(path for path in (where, *where.parents) if os.path.lexists(path))
     if not os.fspath(folder) or not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise FileFault(f"{shown(folder) or repr('')}: no folder that can be written to; name another")
     if parent == where and any(where.iterdir()) and not (where / TABLE).exists():

@@ -432,7 +432,8 @@ def test_a_recommendation_may_replace_an_earlier_one(linked, tmp_path, monkeypat
     assert (tmp_path / "out" / "measured-lambert.npz").is_file()
 
 
-@pytest.mark.parametrize("folder", ["", "measured.binary", "measured.binary/sub"])
+@pytest.mark.parametrize("folder", ["", "measured.binary", "measured.binary/sub", "dangling"])
 def test_a_folder_that_cannot_be(refused, linked, folder):
     linked("measured.binary")
+    (refused.folder / "dangling").symlink_to("nowhere")
     refused(["recommend", "measured.binary", "--models", "lambert", "-o", folder], "name another")
