@@ -248,6 +248,10 @@ def check_material(measured: Measured, seed: int = 0) -> None:
     """ValueError for what is no material, one whose name would make its fit unreadable, or an impossible seed."""
     if not isinstance(measured, Measured):
         raise ValueError(f"{str(measured)[:80]!r} is no Measured; brdfatlas.read(PATH) makes one of a file")
+    if measured.table.shape != (*GRID_SHAPE, 3):
+        raise ValueError(
+            f"{measured.name}: a table on the full circle; brdfatlas.measured.fold makes a MERL table of it"
+        )
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"seed {seed!r}: a whole number from 0 is wanted")
     if not _is_name(measured.name):

@@ -69,8 +69,8 @@ class Measured:
         shape, dtype = np.shape(self.table), getattr(self.table, "dtype", None)
         if shape not in ((*GRID_SHAPE, 3), (*GRID_SHAPE[:2], 2 * N_PHI_D, 3)):
             raise MeasuredError(f"{self.name}: a table of shape {shape}; {(*GRID_SHAPE, 3)} is needed")
-        if dtype is None or dtype.kind != "f":
-            raise MeasuredError(f"{self.name}: a table of {dtype}; floating point numbers are needed (float32)")
+        if dtype not in (np.float32, np.float64):  # compiled code knows no other, nor another order of bytes
+            raise MeasuredError(f"{self.name}: a table of {dtype}; float32 or float64 is needed")
         r, g, b = (np.isnan(self.table[..., channel]) for channel in range(3))
         partly = int(((r != g) | (r != b)).sum())
         if partly:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brdfatlas.constants import REFERENCE
-from brdfatlas.files import ENDINGS, FileFault, atomic_path, check_output, ours, shown, write_json
+from brdfatlas.files import ENDINGS, FileFault, atomic_path, ours, shown, write_json
 from brdfatlas.fits import Fit, check_material, fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
@@ -84,16 +84,16 @@ class Recommendation:
 
     def save(self, folder: str | os.PathLike) -> list[Path]:
         """Write the winner's fit and all its exports (a MERL table has ``brdfatlas table``), a picture of the material
-        beside it, and the table; returns the files. ValueError without a winner."""
+        beside it, and the table; returns the files. ValueError without a winner, FileFault (:func:`check_folder`) for a
+        folder that holds other files."""
         if self.winner is None:
             raise ValueError(f"{self.material}: no model meets the conditions, there is nothing to write")
+        check_folder(folder, self.material, [self.winner.model])
         folder = Path(folder)
         folder.parent.mkdir(parents=True, exist_ok=True)
         # A full disk or an interrupt leaves the folder as it was, not with half of the files.
         with tempfile.TemporaryDirectory(prefix=".recommend.", dir=folder.parent) as staged:
             files = self._write(Path(staged))
-            for path in files:
-                check_output(folder / path.name, KINDS[path.suffix], force=True)
             folder.mkdir(exist_ok=True)
             for path in files:
                 os.replace(path, folder / path.name)

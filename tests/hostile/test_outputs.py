@@ -372,7 +372,8 @@ def test_a_recommendation_is_saved_whole_or_not_at_all(inputs, tmp_path, monkeyp
     fits = {"ggx": brdfatlas.load_fit(inputs / "ggx.npz")}
     found = Recommendation("felt", (winner,), winner, fits, {}, None)
     folder = tmp_path / "out"
-    monkeypatch.setattr(Recommendation, "picture", lambda self, path: path.write_text("picture"))
+    picture = b"\x89PNG tEXtSoftware\0brdfatlas"
+    monkeypatch.setattr(Recommendation, "picture", lambda self, path: path.write_bytes(picture))
     if earlier:
         found.save(folder)
     before = state(tmp_path)

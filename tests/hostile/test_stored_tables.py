@@ -127,6 +127,8 @@ def spoilt(values, at=(10, 0, 90)):
         (lambda: spoilt([1, 1, np.nan]), "NaN in some channels of 1 cells"),
         (lambda: grey()[:, :, :90], r"shape \(90, 90, 90, 3\)"),
         (lambda: np.ones((*GRID_SHAPE, 3), int), "a table of int64"),
+        (lambda: np.ones((*GRID_SHAPE, 3), ">f4"), "a table of >f4; float32"),
+        (lambda: np.ones((*GRID_SHAPE, 3), "f2"), "a table of float16; float32"),
         (lambda: None, r"shape \(\)"),
     ],
 )
@@ -150,6 +152,11 @@ def test_seeds_that_are_none_are_refused_before_any_fit(call):
     for seed in (-1, 1.5, "1"):
         with pytest.raises(ValueError, match=f"seed {seed!r}: a whole number from 0"):
             call("lambert", Measured("felt", grey()), seed=seed)
+
+
+def test_a_table_on_the_full_circle_is_not_fitted():
+    with pytest.raises(ValueError, match=r"felt: a table on the full circle; brdfatlas.measured.fold"):
+        brdfatlas.fit("lambert", Measured("felt", np.concatenate([grey(), grey()], 2)))
 
 
 def test_a_path_is_no_material_and_one_name_is_a_list_of_one(tmp_path):

@@ -83,9 +83,20 @@ def test_no_name_of_a_material_leads_out_of_the_folder(found, tmp_path, monkeypa
 
 def test_a_folder_at_an_output_stops_all_of_them(found, tmp_path):
     (tmp_path / "side-by-side.png").mkdir()
-    with pytest.raises(FileFault, match=r"side-by-side.png: a folder"):
+    with pytest.raises(FileFault, match=r"holds files that are not of an earlier recommendation"):
         found.save(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["side-by-side.png"]
+    (tmp_path / "recommendation.json").write_text('{"format": "brdfatlas recommendation 1"}')
+    with pytest.raises(FileFault, match=r"side-by-side.png: is not of an earlier recommendation"):
+        found.save(tmp_path)
+    assert (tmp_path / "recommendation.json").read_text() == '{"format": "brdfatlas recommendation 1"}'
+
+
+def test_files_of_the_same_names_are_not_replaced(found, tmp_path):
+    (tmp_path / "recommendation.json").write_text('{"of": "mine"}')
+    with pytest.raises(FileFault, match=r"recommendation.json: is not of an earlier recommendation"):
+        found.save(tmp_path)
+    assert (tmp_path / "recommendation.json").read_text() == '{"of": "mine"}'
 
 
 def test_a_model_named_twice_is_tried_once(material):
