@@ -9,9 +9,8 @@ from its time and variance at 64 samples; both variances are means over the mate
 batches. CPU seconds of the process stand beside the wall time, which means nothing on a busy machine.
 
 Of all models at once: >= 2.5 times faster a picture on spheres, >= 6 times on statues, <= 3 GB. Paths are camera rays;
-each looks two directions up, eight cells a direction. The bytes of these cells a second stand beside those that a plain
-copy reads and writes in the same run: cells that the caches hold are counted too, so the share may exceed 1 for shiny
-materials.
+each looks two directions up, two cells a direction. The bytes of these cells a second stand beside those that a plain
+copy reads and writes in the same run: cells that the caches hold are counted too.
 """
 
 import resource
@@ -87,7 +86,7 @@ def shared_paths(file: Path, scenes: tuple[str, ...], tables: int = 21, samples:
             single = single or cpu
             faster = single * len(group) / cpu
             paths = int(lanes.sum()) * samples
-            gathers, width = 16 * paths, 4 * max(4, 3 * reflectance.size)
+            gathers, width = 4 * paths, 4 * max(4, 3 * reflectance.size)
             rate = gathers * width / wall
             times = f"{first:8.2f} {wall:7.2f} {cpu:7.2f} {faster:6.1f}x"
             counts = f"{paths / 1e6:9.1f} {gathers / 1e9:10.2f} {rate / 1e9:5.1f} {rate / bandwidth:8.2f}"
