@@ -105,7 +105,7 @@ class Recommendation:
 
         assert self.winner is not None
         chosen = self.fits[self.winner.model]
-        stem = folder / _stem(self.material, self.winner.model)
+        stem = folder / targets.stem_of(self.material, self.winner.model)
         more = {"dE00 after rendering": f"{self.winner.de00:.3f} (scene {SCENE})"}
         fit_file = Path(f"{stem}.npz")
         chosen.save(fit_file)
@@ -143,12 +143,6 @@ class Recommendation:
             canvas.save(temporary, "PNG", pnginfo=notes)
 
 
-def _stem(material: str, model: str) -> str:
-    """How the files of a fit begin, whatever its material is called: no path, nothing that is not printable."""
-    plain = "".join(c if c.isprintable() and c not in "/\\" else "_" for c in f"{material}-{model}")
-    return plain.encode()[:200].decode(errors="ignore")
-
-
 def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]) -> None:
     """Refuse, before any fit, a folder in which :meth:`Recommendation.save` could not write, or whose files it would
     replace that are not of an earlier recommendation. FileFault, one line."""
@@ -161,7 +155,11 @@ def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]
     if parent == where and any(where.iterdir()) and not (where / TABLE).exists():
         raise FileFault(f"{shown(folder)}: holds files that are not of an earlier recommendation; name a new folder")
     endings = [".npz", *(ending for target, ending in targets.ENDINGS.items() if target != "merl")]
-    for name in [PICTURE, TABLE, *(_stem(material, model) + ending for model in models for ending in endings)]:
+    for name in [
+        PICTURE,
+        TABLE,
+        *(targets.stem_of(material, model) + ending for model in models for ending in endings),
+    ]:
         path = where / name
         if os.path.lexists(path) and (path.is_symlink() or not path.is_file() or not ours(path, KINDS[path.suffix])):
             raise FileFault(f"{shown(Path(folder) / name)}: is not of an earlier recommendation; name a new folder")

@@ -38,6 +38,12 @@ def models_for(target: str) -> list[str]:
     return [name for name in MODELS if target in MODELS[name].targets]
 
 
+def stem_of(material: str, model: str) -> str:
+    """How the files of a fit begin, whatever its material is called: no path, nothing that is not printable."""
+    plain = "".join(c if c.isprintable() and c not in "/\\" else "_" for c in f"{material}-{model}")
+    return plain.encode()[:200].decode(errors="ignore")
+
+
 def targets_of(fit: Fit) -> tuple[str, ...]:
     """Targets that hold this fit; "mitsuba" always, by our plugin where no stock one is the model."""
     exact = [target for target in ("materialx", "gltf") if target in fit.instance.targets]

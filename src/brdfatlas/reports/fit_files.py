@@ -10,7 +10,7 @@ import numpy as np
 
 from brdfatlas.export.facts import ExportError, with_report
 from brdfatlas.export.targets import ENDINGS as TARGET_ENDINGS
-from brdfatlas.export.targets import STANDARD, export
+from brdfatlas.export.targets import STANDARD, export, stem_of
 from brdfatlas.files import atomic_path, digests, write_json
 from brdfatlas.fits import load_fit
 from brdfatlas.models.base import FitError
@@ -30,11 +30,6 @@ MOST_NUMBERS = 5000
 def fits_folder(material_folder: str | Path) -> Path:
     """Where the fits of a material lie, given the folder of its pictures."""
     return Path(material_folder) / "fits"
-
-
-def stem_of(material: str, model: str) -> str:
-    """The name of a fit's files without ending: it says which material, as they are taken elsewhere."""
-    return f"{material}-{model}"
 
 
 def files_of(material_folder: str | Path, model: str) -> list[str]:

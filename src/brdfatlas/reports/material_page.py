@@ -11,6 +11,7 @@ from urllib.parse import quote
 import pandas as pd
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
+from brdfatlas.export.targets import stem_of
 from brdfatlas.figures.pictures import ANIMATION, CONVERGENCE, picture_file
 from brdfatlas.files import read_record
 from brdfatlas.measures.summary import BRDF_MEASURES, BUDGETS, LEADING, MEASURES, PSNR, Summary, best_by_noise, best_of
@@ -27,7 +28,7 @@ from brdfatlas.reports.data import (
     summarise_run,
     write_tsv,
 )
-from brdfatlas.reports.fit_files import ENDINGS, files_of, stem_of
+from brdfatlas.reports.fit_files import ENDINGS, files_of
 from brdfatlas.reports.formats import digits, integer, number, storage
 from brdfatlas.reports.pages import Picture, find_picture, render_page, write_thumbnail
 
