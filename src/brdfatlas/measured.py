@@ -14,6 +14,8 @@ from brdfatlas.angles import GRID_SHAPE, N_PHI_D, half_difference
 from brdfatlas.compiled import njit
 from brdfatlas.files import shown
 
+#: The same pair of directions, in radians.
+SAME_PAIR = 1e-5
 N_CELLS = int(np.prod(GRID_SHAPE))
 #: What a table may be: a measurement, somebody's reconstruction of one (a network, a fit), or a built-in stand-in.
 KINDS = MEASURED, RECONSTRUCTED, STANDIN = "measured", "reconstructed", "stand-in"
@@ -113,10 +115,23 @@ class Measured:
         return look_up(self.extended, wi, wo)
 
     def evaluate_measured(self, wi, wo) -> np.ndarray:
-        """As :meth:`evaluate`, (..., 3) in 1/sr, but NaN where the cells around were not measured for the most part."""
+        """As :meth:`evaluate`, (..., 3) in 1/sr, but NaN where the cells around were not measured for the most part and
+        the pair is no sample itself: those at the edge have few measured cells around."""
         values = self.evaluate(wi, wo)
-        known = look_up(self.valid[..., None].astype(np.float32), wi, wo)
-        return np.where(known > 0.5, values, np.nan)
+        known = look_up(self.valid[..., None].astype(np.float32), wi, wo) > 0.5
+        return np.where(known | self._sampled(wi, wo)[..., None], values, np.nan)
+
+    def _sampled(self, wi, wo) -> np.ndarray:
+        """Whether pairs (..., 3) are samples, of scattered data, or their images under reciprocity and mirror."""
+        if self.samples is None:
+            return np.zeros(np.broadcast_shapes(np.shape(wi), np.shape(wo))[:-1], bool)
+        from scipy.spatial import cKDTree
+
+        at, samples = (
+            np.stack([h, d, np.sin(h) * np.sin(d) * np.abs(np.cos(phi))], -1)
+            for h, d, phi in (half_difference(wi, wo), np.moveaxis(self.samples, -1, 0))
+        )
+        return cKDTree(samples).query(at, distance_upper_bound=SAME_PAIR)[0] < SAME_PAIR
 
 
 def fold(table: np.ndarray) -> np.ndarray:

@@ -284,6 +284,21 @@ def test_what_is_no_measurement_is_called_so(tmp_path):
         brdfatlas.read(tmp_path / "pipe.csv")
 
 
+def test_a_table_keeps_its_pairs_whatever_often_it_is_converted(tmp_path):
+    """Those at the edge of what was measured among them, where most cells around have no value."""
+    from brdfatlas.cli import main
+
+    source = tmp_path / "0.csv"
+    wi, wo = tables.regular_directions(20)
+    tables.write_csv(source, wi, wo, 0.2 + 0.1 * wi * wo, "measured", "f")
+    for count in range(1, 3):
+        output = tmp_path / f"{count}.csv"
+        assert main(["convert", str(source), "-o", str(output), "--like", str(tmp_path / "0.csv")]) == 0
+        rows = [[line.split(",")[:4] for line in path.read_text().splitlines()[4:]] for path in (source, output)]
+        np.testing.assert_allclose(np.array(rows[0], float), np.array(rows[1], float), atol=1e-6)
+        source = output
+
+
 def test_convert_to_a_table_and_back(tmp_path):
     """A fit of Lambert's kind on a chosen set of directions is read as a reconstruction of the same values."""
     from brdfatlas.cli import main

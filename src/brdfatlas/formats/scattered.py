@@ -31,15 +31,15 @@ from brdfatlas.angles import (
 from brdfatlas.compiled import njit
 from brdfatlas.formats.files import name_of
 from brdfatlas.formats.plausibility import suspicions
-from brdfatlas.measured import MEASURED, STANDIN, Measured, MeasuredError, Provenance
+from brdfatlas.measured import MEASURED, SAME_PAIR, STANDIN, Measured, MeasuredError, Provenance
 
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull, cKDTree
 
 #: Values below this part of a channel's median are raised to it before the logarithm: noise around 0.
 FLOOR = 1e-3
-#: The same pair of directions, in radians, and how far values there may differ before they disagree.
-SAME_PAIR, DISAGREE = 1e-5, 0.2
+#: How far values of one pair of directions may differ before they disagree.
+DISAGREE = 0.2
 #: Samples up to which one spline goes through all; more are interpolated by their nearest NEIGHBOURS.
 MOST_GLOBAL, NEIGHBOURS = 3000, 40
 #: Added to the kernel's diagonal: noise of neighbouring samples is not swung between.
