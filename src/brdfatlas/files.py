@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, AnyStr, BinaryIO
 
 import numpy as np
 
@@ -56,6 +56,13 @@ class FileFault(ValueError):
 def shown(text: object) -> str:
     """``text`` on one line: control characters of a file's name as escapes."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text))
+
+
+def digits(text: AnyStr) -> AnyStr:
+    """``text`` for ``float`` or ``int``. ValueError for ``1_0``, which they read as 10, and digits of other scripts."""
+    if not text.isascii() or (b"_" if isinstance(text, bytes) else "_") in text:
+        raise ValueError(f"{text[:40]!r} is not a number")
+    return text
 
 
 def check_regular(path: str | os.PathLike) -> Path:

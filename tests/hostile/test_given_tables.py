@@ -28,6 +28,8 @@ BAD_TABLES = {
     "angles in thousandths": (table(head="# units: mrad\n"), "line 1: angles in mrad; convert"),
     "an unknown kind": (table(head="# kind: synthetic\n"), "line 1: kind: 'synthetic'; write one of: measured"),
     "angles of no known unit": (table(head="# angles: gons\n"), "line 1: angles: 'gons'; write"),
+    "1_0": (table("1_0,0.1,0.1"), "line 3: '1_0' is not a number"),
+    "digits of another script": (table("\u0663,0.1,0.1"), "line 3: '\u0663' is not a number"),
     "an azimuth of thousands of turns": (table(azimuth="{}e15"), "an azimuth of "),
 }
 
@@ -35,8 +37,13 @@ BAD_TABLES = {
 @pytest.mark.parametrize("what", BAD_TABLES)
 def test_a_table_that_contradicts_itself_is_named(refused, what):
     text, words = BAD_TABLES[what]
-    (refused.folder / "bad.csv").write_text(text)
+    (refused.folder / "bad.csv").write_text(text, encoding="utf-8")
     refused(["info", "bad.csv"], "bad.csv: ", words)
+
+
+def test_spectral_text_takes_no_1_0_for_10(refused):
+    (refused.folder / "bad.brdf").write_text("3\n400 500 600\n" + "0 0 0 0 1 1 1_0\n")
+    refused(["info", "bad.brdf"], "bad.brdf: line 3: '1_0' is not a number")
 
 
 def one_column(names, values="0.2", head=""):
@@ -124,6 +131,8 @@ BAD_PARAMETERS = {
     "two kinds of endings": "material,kd_r,kd_1,kd_2\nfelt,1,2,3\n",
     "the whole and its parts": "material,kd,kd_r,kd_g,kd_b\nfelt,1,2,3,4\n",
     "no number of the usual digits": "material,kd_1,kd_2,kd_\u00b3\nfelt,1,2,3\n",
+    "1_0": "material,kd_r,kd_g,kd_b\nfelt,0.1,0.2,1_0\n",
+    "digits of another script": "material,kd_r,kd_g,kd_b\nfelt,0.1,0.2,\u0663\n",
     "a cell without end": f"material,kd_r,kd_g,kd_b\nfelt,1,2,{'3' * 200_000}\n",
 }
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from brdfatlas.files import digits
 from brdfatlas.formats.colour import ILLUMINATION, check_wavelengths, rgb_weights
 from brdfatlas.formats.files import check_values, read_text
 from brdfatlas.formats.scattered import Samples, checked, on_sphere, to_measured
@@ -46,6 +47,7 @@ def _parse(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
         words += found
         places += [number] * len(found)
     try:
+        digits("".join(words))
         numbers = np.array(words, float)
     except ValueError:
         at = next(i for i, word in enumerate(words) if not _is_number(word))
@@ -76,7 +78,7 @@ def _parse(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
 
 def _is_number(word: str) -> bool:
     try:
-        float(word)
+        float(digits(word))
     except ValueError:
         return False
     return True

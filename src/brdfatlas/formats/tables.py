@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas.files import atomic_path
+from brdfatlas.files import atomic_path, digits
 from brdfatlas.formats import spectral
 from brdfatlas.formats.files import HEAD_BYTES, check_values, read_bytes, read_text
 from brdfatlas.formats.scattered import Samples, checked, on_sphere, to_measured
@@ -211,12 +211,13 @@ def _rows(path: Path, lines: list[str], header: _Header, columns: list[int]) -> 
     if not rows:
         raise MeasuredError(f"{path}: no row after the names of the columns")
     try:
+        digits("".join(cell for cells in rows for cell in cells))
         return np.array(rows, float), np.array(places)
     except ValueError:
         for cells, number in zip(rows, places):
             for cell in cells:
                 try:
-                    float(cell)
+                    float(digits(cell))
                 except ValueError:
                     hint = "; write decimals with a point" if re.fullmatch(r"\s*-?\d+,\d+\s*", cell) else ""
                     raise MeasuredError(f"{path}: line {number}: {cell.strip()[:30]!r} is not a number{hint}") from None

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from brdfatlas.files import digits
 from brdfatlas.models.base import Model
 
 #: Rows of the authors' own parameters are named so. A stand-in is made of published fits: it has no such row.
@@ -76,7 +77,7 @@ def read_parameters(path: str | os.PathLike, model: Model, material: str) -> dic
             value = np.array(given[parameter.name], object).reshape(-1)
             if any(isinstance(item, bool) for item in value):
                 raise ValueError
-            values = value.astype(float)
+            values = np.array([digits(item) if isinstance(item, str) else item for item in value], object).astype(float)
         except (TypeError, ValueError):
             told = repr(given[parameter.name])[:80]
             raise ParameterFileError(f"{where}: {told} is no number or list of numbers") from None

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from brdfatlas.files import digits
 from brdfatlas.rendering.images import MOST_PIXELS, load_exr
 
 HDR_SUFFIXES = (".hdr", ".rgbe", ".pfm", ".exr")
@@ -214,8 +215,8 @@ def read_pfm(file: Path) -> np.ndarray:
     parts = data[:256].split(maxsplit=4)
     if len(parts) < 4 or parts[0] not in (b"PF", b"Pf"):
         raise ValueError("no PFM header")
-    width, height = _size(int(parts[1]), int(parts[2]))
-    scale, channels = float(parts[3]), 3 if parts[0] == b"PF" else 1
+    width, height = _size(int(digits(parts[1])), int(digits(parts[2])))
+    scale, channels = float(digits(parts[3])), 3 if parts[0] == b"PF" else 1
     if not np.isfinite(scale) or scale == 0:
         raise ValueError(f"scale {scale:g}, not a finite number")
     # one white space ends the header

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from brdfatlas.files import digits
+
 #: More degenerate triangles than this share mean a broken file, not a scanner's leftovers.
 MOST_DEGENERATE = 0.05
 #: Bytes of a file; some ten million triangles.
@@ -189,9 +191,9 @@ def _ascii_rows(
         for _ in range(count):
             for p in properties:
                 if not p.count_type:
-                    columns[p.name].append(float(next(words)))
+                    columns[p.name].append(float(digits(next(words))))
                     continue
-                row = [int(next(words)) for _ in range(int(next(words)))]
+                row = [int(digits(next(words))) for _ in range(int(digits(next(words))))]
                 if p.names_vertices:
                     lists.append(np.array(row, np.int64))
     except StopIteration:
@@ -245,7 +247,7 @@ def _parse_obj(data: bytes) -> _Parsed:
                 pairs = (_corner(word, len(positions), len(normals)) for word in words[1:])
                 polygons.append(np.array([known.setdefault(pair, len(known)) for pair in pairs], np.int64))
             else:
-                x, y, z = map(float, words[1:4])
+                x, y, z = map(float, map(digits, words[1:4]))
                 (positions if words[0] == b"v" else normals).append((x, y, z))
         except ValueError as error:
             raise ValueError(f"line {number}: {error}") from None
@@ -262,7 +264,7 @@ def _parse_obj(data: bytes) -> _Parsed:
 def _corner(word: bytes, n_positions: int, n_normals: int) -> tuple[int, int]:
     """Indices from 0 of a corner's position and normal, -1 for no normal; a file's negative ones count from the end."""
     parts = word.split(b"/")
-    position, normal = int(parts[0]), int(parts[2]) if len(parts) > 2 and parts[2] else 0
+    position, normal = int(digits(parts[0])), int(digits(parts[2])) if len(parts) > 2 and parts[2] else 0
     position = position - 1 if position >= 0 else n_positions + position
     normal = normal - 1 if normal >= 0 else n_normals + normal
     if not 0 <= position < 2**31 or not -1 <= normal < 2**31:

@@ -78,7 +78,7 @@ def positions(theta_h, phi, theta_o, resolution: tuple[int, int, int]) -> Coordi
 def parse_resolution(text: str, model: str, key: str = "resolution") -> tuple[int, int, int]:
     """ "90x36x37" as (n theta_h, n phi, n theta_o). ValueError names model and key."""
     parts = str(text).lower().split("x")
-    if len(parts) != 3 or not all(part.strip().isdigit() and 2 <= int(part) <= 1024 for part in parts):
+    if len(parts) != 3 or not all(part.strip().isdecimal() and 2 <= int(part) <= 1024 for part in parts):
         raise ValueError(f"model {model}: {key} = {text!r} is not THETA_HxPHIxTHETA_O with whole numbers of 2 to 1024")
     n_h, n_p, n_o = (int(part) for part in parts)
     return n_h, n_p, n_o
