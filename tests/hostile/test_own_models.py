@@ -179,6 +179,14 @@ def test_a_model_that_leaves_the_folder_takes_no_output_with_it(linked, tmp_path
     assert found == ["out.npz", "out.xml", "sub/out.binary"]
 
 
+def test_a_models_file_that_leaves_the_folder_takes_no_input_with_it(linked, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    linked("measured.binary")
+    (tmp_path / "model.py").write_text("import os; os.chdir('/')\n" + OWN_MODEL)
+    assert main(FIT) == 0
+    assert main(["compare", "out.npz", "measured.binary", "--source", "model.py"]) == 0
+
+
 BAD_VALUES = {
     "an exception": "raise RuntimeError('no value')",
     "sys.exit": "sys.exit(0)",

@@ -5,7 +5,7 @@ import importlib.util
 import inspect
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -75,7 +75,7 @@ def load_model_file(path: str | Path, name: str | None = None) -> Model:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    with _loading(str(path), str(spec.origin)):
+    with _loading(str(path), str(spec.origin)), chdir("."):  # a file that goes elsewhere takes no relative path with it
         spec.loader.exec_module(module)
     model = _only_model(module, str(path), name)
     with _loading(str(path), str(spec.origin)):
