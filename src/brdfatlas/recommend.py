@@ -16,7 +16,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brdfatlas.constants import REFERENCE
-from brdfatlas.files import ENDINGS, FileFault, atomic_path, ours, shown, write_json
+from brdfatlas.files import ENDINGS, FileFault, atomic_path, digests, ours, read_record, shown, write_json
 from brdfatlas.fits import Fit, check_material, fit
 from brdfatlas.formats.reader import read
-from brdfatlas.measured import Measured
+from brdfatlas.measured import Measured, MeasuredError
 from brdfatlas.measures.recommendation import Candidate, choose
 from brdfatlas.models import MODELS, Entry
 
@@ -84,8 +84,8 @@ class Recommendation:
 
     def save(self, folder: str | os.PathLike) -> list[Path]:
         """Write the winner's fit and all its exports (a MERL table has ``brdfatlas table``), a picture of the material
-        beside it, and the table; returns the files. ValueError without a winner, FileFault (:func:`check_folder`) for a
-        folder that holds other files."""
+        beside it, and the table; returns the files. Those of an earlier recommendation go, unless they have changed.
+        ValueError without a winner, FileFault (:func:`check_folder`) for a folder that holds other files."""
         if self.winner is None:
             raise ValueError(f"{self.material}: no model meets the conditions, there is nothing to write")
         check_folder(folder, self.material, [self.winner.model])
@@ -95,8 +95,11 @@ class Recommendation:
         with tempfile.TemporaryDirectory(prefix=".recommend.", dir=folder.parent) as staged:
             files = self._write(Path(staged))
             folder.mkdir(exist_ok=True)
+            earlier = _unchanged(folder)
             for path in files:
                 os.replace(path, folder / path.name)
+        for name in earlier - {path.name for path in files}:
+            (folder / name).unlink()
         return [folder / path.name for path in files]
 
     def _write(self, folder: Path) -> list[Path]:
@@ -118,7 +121,8 @@ class Recommendation:
         self.picture(files[-2])
         rows = [asdict(row) for row in self.rows]
         told = {"format": "brdfatlas recommendation 1", "material": self.material, "winner": self.winner.model}
-        write_json(files[-1], told | {"models": rows})
+        wrote = digests(folder, [path.name for path in files[:-1]])
+        write_json(files[-1], told | {"models": rows, "files": wrote})
         return files
 
     def picture(self, path: str | os.PathLike, height: int = 384) -> None:
@@ -143,6 +147,18 @@ class Recommendation:
             canvas.save(temporary, "PNG", pnginfo=notes)
 
 
+def _unchanged(folder: Path) -> set[str]:
+    """Names of the files that an earlier recommendation wrote into a folder and that are still what it wrote."""
+    with suppress(ValueError, OSError, AttributeError):
+        wrote = read_record(folder / TABLE, "files")["files"]
+        return {
+            name
+            for name, digest in wrote.items()
+            if Path(name).name == name and (folder / name).is_file() and digests(folder, [name]) == {name: digest}
+        }
+    return set()
+
+
 def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]) -> None:
     """Refuse, before any fit, a folder in which :meth:`Recommendation.save` could not write, or whose files it would
     replace that are not of an earlier recommendation. FileFault, one line."""
@@ -163,6 +179,11 @@ def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]
         path = where / name
         if os.path.lexists(path) and (path.is_symlink() or not path.is_file() or not ours(path, KINDS[path.suffix])):
             raise FileFault(f"{shown(Path(folder) / name)}: is not of an earlier recommendation; name a new folder")
+    of = material
+    with suppress(ValueError, OSError):  # none, or an empty one
+        of = read_record(where / TABLE, "material")["material"]
+    if of != material:
+        raise FileFault(f"{shown(folder)}: holds the recommendation for {shown(of)}; name a new folder")
 
 
 def recommend(
@@ -191,6 +212,10 @@ def recommend(
     tell = progress or (lambda line: None)
     measured = measured if isinstance(measured, Measured) else read(measured)
     check_material(measured, seed)
+    if not np.nanmax(measured.table, initial=0) > 0:
+        raise MeasuredError(
+            f"{measured.path or measured.name}: black, no value is above 0; there is nothing to choose by"
+        )
     models = [models] if isinstance(models, str) else MODELS if models is None else models
     entries = [MODELS.entry(name) for name in dict.fromkeys(models)]
     if target is not None:

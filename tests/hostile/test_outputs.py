@@ -1,8 +1,10 @@
 """An output never destroys an input, a file of another kind, or what is no file."""
 
 import io
+import json
 import os
 import socket
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -431,6 +433,47 @@ def test_a_recommendation_may_replace_an_earlier_one(linked, tmp_path, monkeypat
     for _ in range(2):
         assert main(["recommend", "measured.binary", "--models", "lambert", "-o", "out"]) == 0
     assert (tmp_path / "out" / "measured-lambert.npz").is_file()
+
+
+def recommendation(inputs, winner, material="felt"):
+    """What names one of the plausible fits as the best."""
+    row = Row(winner, 1.0, 8)
+    fitted = replace(brdfatlas.load_fit(inputs / f"{winner}.npz"), material=material)
+    return Recommendation(material, (row,), row, {winner: fitted}, {}, None)
+
+
+@pytest.fixture
+def no_picture(monkeypatch):
+    """Recommendations without renders."""
+    monkeypatch.setattr(
+        Recommendation, "picture", lambda self, path: path.write_bytes(b"\x89PNG tEXtSoftware\0brdfatlas")
+    )
+
+
+def test_a_folder_holds_the_files_of_one_recommendation(inputs, tmp_path, no_picture):
+    """Of the earlier winner goes what is as it was written; what a person changed or put there stays."""
+    first = recommendation(inputs, "lambert").save(tmp_path / "out")
+    (tmp_path / "out" / "felt-lambert.mtlx").write_text("mine")
+    (tmp_path / "out" / "felt-lambert.txt").write_text("mine")
+    (tmp_path / "felt-lambert.npz").write_bytes(first[0].read_bytes())
+    second = recommendation(inputs, "ggx").save(tmp_path / "out")
+    found = {path.name for path in (tmp_path / "out").iterdir()}
+    assert found == {path.name for path in second} | {"felt-lambert.mtlx", "felt-lambert.txt"}
+    record = json.loads(second[-1].read_text())
+    (tmp_path / "felt-ggx.npz").write_bytes(second[0].read_bytes())
+    for files_stated in ({f"../{name}": digest for name, digest in record["files"].items()}, ["felt-ggx.npz"], None):
+        second[-1].write_text(json.dumps(record | {"files": files_stated}, indent=1))
+        recommendation(inputs, "ward").save(tmp_path / "out")
+        assert (tmp_path / "felt-ggx.npz").exists()
+        assert (tmp_path / "out" / "felt-ggx.npz").exists()
+
+
+def test_the_recommendation_for_another_material_is_not_replaced(inputs, tmp_path, no_picture):
+    recommendation(inputs, "lambert").save(tmp_path / "out")
+    before = state(tmp_path)
+    with pytest.raises(files.FileFault, match=r"out: holds the recommendation for felt; name a new folder"):
+        recommendation(inputs, "lambert", "chrome").save(tmp_path / "out")
+    assert state(tmp_path) == before
 
 
 @pytest.mark.parametrize("folder", ["", "measured.binary", "measured.binary/sub", "dangling"])
