@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -18,7 +18,7 @@ import numpy as np
 import brdfatlas
 from brdfatlas import interrupts
 from brdfatlas.angles import above_horizon
-from brdfatlas.files import ENDINGS, FileFault, check_output, check_regular, plain, shown
+from brdfatlas.files import ENDINGS, FileFault, check_output, check_regular, digits, plain, shown
 from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
 from brdfatlas.formats.merl import write_merl
 from brdfatlas.formats.reader import read
@@ -62,6 +62,18 @@ def emit(text: str, *, flush: bool = False) -> None:
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise OSError(error.errno, error.strerror, "standard output") from None
+
+
+@contextlib.contextmanager
+def libraries_on_stderr() -> Iterator[None]:
+    """What libraries print of a damaged file, as OpenEXR does, goes to standard error: it is no part of a result."""
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 def load(path: str, source: str | None = None) -> Measured | Fit:
@@ -135,12 +147,16 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def info_command(args: argparse.Namespace) -> dict[str, Any]:
-    """What a measured file or a fit holds: valid cells, range, albedo; model, parameters. Or what is wrong with it."""
+    """What a measured file or a fit (.npz or JSON) holds: valid cells, range, albedo; model, parameters. Or what is
+    wrong with it."""
+    from brdfatlas.export.fit_json import import_json, is_fit_json
     from brdfatlas.pipeline.records import describe_material
 
     check_input(args.file)
     if is_fit_file(args.file):
-        return fit_info(args)
+        return fit_info(args, load_fit(args.file, args.source))
+    if os.path.exists(args.file) and is_fit_json(args.file):
+        return fit_info(args, import_json(args.file, args.source))
     described = describe_material(read_aloud(args.file))
     if not args.json:
         low, high = described["range"]
@@ -190,13 +206,13 @@ def convert_command(args: argparse.Namespace) -> dict[str, Any]:
         values = item.evaluate(wi, wo) if fitted else item.evaluate_measured(wi, wo)
         rows = write_csv(args.output, wi, wo, values, kind, f"{Path(args.file).name}, converted by brdfatlas")
     if not args.json:
-        say(f"{args.named}: {args.file}{'' if rows is None else f', {rows:,} pairs of directions'}")
+        left_out = f", {len(wi) - rows:,} were not measured" if rows is not None and rows < len(wi) else ""
+        say(f"{args.named}: {args.file}{'' if rows is None else f', {rows:,} pairs of directions{left_out}'}")
     return {"file": args.file, "output": args.named, "kind": kind, "rows": rows}
 
 
-def fit_info(args: argparse.Namespace) -> dict[str, Any]:
+def fit_info(args: argparse.Namespace, fitted: Fit) -> dict[str, Any]:
     """What a fit is: model, material, options, bytes, and those parameters that a person can read."""
-    fitted = load_fit(args.file, args.source)
     model = fitted.instance
     small = {name: array for name, array in fitted.parameters.items() if array.size <= 24}
     if not args.json:
@@ -267,7 +283,8 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
     fitted.save(args.output)
     report = {"model": fitted.entry, "material": fitted.material, "output": args.named, **fitted.report}
     if not args.json:
-        state = "converged" if report["converged"] else f"did not converge ({report['message']})"
+        why = f" ({report['message']})" if report["message"] else ""
+        state = "converged" if report["converged"] else f"did not converge{why}"
         say(
             f"{args.named}: {report['objective_name']} {report['objective']:.6g} after {report['iterations']} "
             f"iterations in {report['seconds']:.2f} s, {state}, {report['bytes']:,} bytes"
@@ -398,16 +415,18 @@ def render_command(args: argparse.Namespace) -> dict[str, Any]:
     from brdfatlas.rendering.jobs import render_file
 
     check_output(args.named, "picture", scene_files(args.scene, args.scenes), force=True)
-    render = render_file(
-        load(args.file, args.source),
-        args.scene,
-        samples=args.spp,
-        size=args.size,
-        seed=args.seed,
-        scenes=args.scenes,
-        integrator=args.integrator,
-        variant=args.variant,
-    )
+    item = load(args.file, args.source)
+    with libraries_on_stderr():
+        render = render_file(
+            item,
+            args.scene,
+            samples=args.spp,
+            size=args.size,
+            seed=args.seed,
+            scenes=args.scenes,
+            integrator=args.integrator,
+            variant=args.variant,
+        )
     save_picture(args.output, render)
     spp = int(render.meta["samples"])  # a multiple of the batches
     if not args.json:
@@ -444,7 +463,8 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
     """Errors of an image against a reference: renders of ours by their batches and mask, other EXRs as they are."""
     from brdfatlas.measures.errors import Tone, image_errors
 
-    reference, image = load_image(args.reference), load_image(args.image)
+    with libraries_on_stderr():
+        reference, image = load_image(args.reference), load_image(args.image)
     scenes = [render.meta.get("scene") for render in (reference, image)]
     if None not in scenes and scenes[0] != scenes[1]:
         shows = f"{args.reference} shows the scene {scenes[0]}, {args.image} shows {scenes[1]}"
@@ -487,7 +507,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
     def parse(text: str) -> int:
         try:
-            value = int(text)
+            value = int(digits(text))
         except ValueError:
             value = low - 1
         if not low <= value <= high:
@@ -502,7 +522,7 @@ def number(low: float, high: float = math.inf) -> Callable[[str], float]:
 
     def parse(text: str) -> float:
         try:
-            value = float(text)
+            value = float(digits(text))
         except ValueError:
             value = math.nan
         if not (low <= value <= high and value < math.inf):

@@ -1,7 +1,7 @@
 """The command while it imports, which takes its first second or two: Ctrl-C ends it at once, without a traceback, and a
 number of threads that Numba refuses is told in one line.
 
-Nothing changes for a program that imports the package.
+Nothing changes for a program that imports the package, but that a SOURCE_DATE_EPOCH that is no time is named.
 """
 
 import contextlib
@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 
 
 def _is_command() -> bool:
@@ -33,6 +34,19 @@ def _check_threads() -> None:
             sys.exit("brdfatlas: NUMBA_NUM_THREADS: less than one thread; set it to 1 or more, or unset it")
 
 
+def _check_epoch() -> None:
+    """NumPy's f2py, which SciPy imports, and Matplotlib end in a traceback that does not name the variable."""
+    text = os.environ.get("SOURCE_DATE_EPOCH", "0")
+    try:
+        time.gmtime(int(text))
+    except (ValueError, OverflowError, OSError):
+        fault = f"SOURCE_DATE_EPOCH: {text!r:.40} is no time in whole seconds; correct it, or unset it"
+        if _is_command():
+            sys.exit(f"brdfatlas: {fault}")
+        raise ValueError(fault) from None
+
+
+_check_epoch()
 if _is_command():
     _check_threads()
     _swap(signal.default_int_handler, signal.SIG_DFL)

@@ -14,20 +14,26 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from own_model import OWN_MODEL
 
 import brdfatlas
+from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.cli import main, parser
+from brdfatlas.export.targets import targets_of
+from brdfatlas.formats.merl import write_merl
 from brdfatlas.measures.tsv import read_tsv, write_tsv
 
 RENDER = ["render", "measured.binary", "-o", "out.exr"]
 FIT = ["fit", "ggx", "measured.binary", "-o", "out.npz"]
 ERRORS = ["image-errors", "picture.exr", "picture.exr"]
 CONVERT = ["convert", "measured.binary", "-o", "out.csv"]
-BEYOND = ("-1", "4294967296", "1e3", "1.5", "", "ten", "9" * 500, "0x10", "nan")
+BEYOND = ("1_0", "\u0663", "-1", "4294967296", "1e3", "1.5", "", "ten", "9" * 500, "0x10", "nan")
 BAD_NUMBERS = [(FIT, "--seed", text) for text in BEYOND] + [(RENDER, "--seed", text) for text in BEYOND]
-BAD_NUMBERS += [(RENDER, "--size", text) for text in ("0", "-8", "4097", "100000", "1e2", "big")]
+BAD_NUMBERS += [(RENDER, "--size", text) for text in ("0", "3_2", "-8", "4097", "100000", "1e2", "big")]
 BAD_NUMBERS += [(RENDER, "--spp", text) for text in ("0", "-1", "7", "1000000000000", "1e30", "inf")]
-BAD_NUMBERS += [(CONVERT, "--step", text) for text in ("1e-300", "1e-3", "0.99", "1000", "45.1", "nan", "inf", "-5")]
+BAD_NUMBERS += [
+    (CONVERT, "--step", text) for text in ("1e-300", "1e-3", "0.99", "1000", "45.1", "nan", "inf", "-5", "1_0")
+]
 BAD_NUMBERS += [(ERRORS, key, text) for key in ("--gamma", "--exposure") for text in ("0", "-1", "nan", "inf", "x")]
 
 
@@ -90,6 +96,54 @@ def test_an_option_has_an_end_and_stands_once(refused, linked, model):
     refused([*command, "--option", "starts=5", "--option", "starts=5"], "starts", "twice")
 
 
+@pytest.mark.parametrize(("message", "told"), [("", "did not converge, "), ("why", "did not converge (why), ")])
+def test_a_fit_that_did_not_converge_says_no_more_than_it_knows(linked, tmp_path, monkeypatch, capsys, message, told):
+    monkeypatch.chdir(tmp_path)
+    linked("measured.binary")
+    (tmp_path / "model.py").write_text(OWN_MODEL.replace('"none", 1, True', f'"none", 1, False, "{message}"'))
+    assert main(["fit", "mine", "measured.binary", "--source", "model.py", "-o", "out.npz"]) == 0
+    assert told in capsys.readouterr().out
+
+
+def black(folder):
+    table = np.zeros((*GRID_SHAPE, 3), np.float32)
+    table[~above_horizon()] = np.nan
+    write_merl(folder / "black.binary", table)
+
+
+def test_a_black_material_is_named_before_any_fit(refused):
+    black(refused.folder)
+    told = refused(["recommend", "black.binary", "--models", "lambert"], "black.binary: black, no value is above 0")
+    assert "fit 1" not in told
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_a_picture_too_small_for_its_scene_says_so(refused, linked, size):
+    linked("measured.binary")
+    told = f"no pixel of {size} x {size} shows the material alone; take a larger size"
+    refused(["render", "measured.binary", "--size", size, "--spp", "8", "-o", "out.exr"], told)
+
+
+def test_an_uber_texture_names_the_models_that_it_holds(refused, linked, inputs):
+    linked("lambert.npz")
+    told = refused(["uber-texture", "lambert.npz", "-o", "out.exr"], "not lambert; those are ")
+    for name in told.rstrip().split("those are ")[1].split(", "):
+        assert main(["uber-texture", str(inputs / f"{name}.npz"), "-o", f"{name}.exr"]) == 0
+
+
+def test_what_a_library_prints_of_a_damaged_picture_is_no_part_of_the_result(inputs, tmp_path):
+    """OpenEXR writes to the stream itself, past Python's."""
+    data = (inputs / "picture.exr").read_bytes()
+    (tmp_path / "picture.exr").write_bytes(data)
+    (tmp_path / "bad.exr").write_bytes(data[: len(data) // 2] + bytes(40) + data[len(data) // 2 + 40 :])
+    code = "import sys; from brdfatlas.cli import main; sys.exit(main(['image-errors', 'picture.exr', 'bad.exr']))"
+    process = in_a_process(code, cwd=tmp_path)
+    out, err = process.communicate()
+    assert (process.returncode, out) == (1, "")
+    assert "bad.exr: not a readable EXR" in err.splitlines()[-1]
+    assert len(err.splitlines()) > 1  # else it does not show what it is to show
+
+
 @pytest.mark.parametrize("output", ["", ".", "..", "/", "out/", "a" * 300 + ".npz", "x/" * 3000 + "a.npz"])
 def test_an_output_that_cannot_be(refused, linked, output):
     linked("measured.binary")
@@ -137,6 +191,21 @@ def test_info_says_what_a_fit_is(capsys, inputs, model):
     told = capsys.readouterr().out
     assert f"a fit of {model} " in told
     assert "felt (a stand-in)" in told
+
+
+@pytest.mark.parametrize("model", list(brdfatlas.MODELS))
+def test_info_says_what_an_export_is(capsys, refused, inputs, model):
+    path = str(inputs / f"{model}.npz")
+    for target in targets_of(brdfatlas.load_fit(path)):
+        assert main(["export", path, "--to", target, "-o", f"out.{target}"]) == 0
+    capsys.readouterr()
+    for item in (path, "out.json"):
+        assert main(["info", item, "--json"]) == 0
+    one, other = capsys.readouterr().out.split("\n}\n")[:2]
+    assert one == other
+    kinds = {"mitsuba": "XML", "materialx": "MaterialX", "gltf": "glTF", "sampler": "JSON"}
+    for target in kinds.keys() & targets_of(brdfatlas.load_fit(path)):
+        refused(["info", f"out.{target}"], f"out.{target}: {kinds[target]} that brdfatlas wrote, no measurement")
 
 
 @pytest.mark.parametrize(("key", "value", "words"), [("scene", "b", "shows b"), ("status", "failed", "failed")])
@@ -372,6 +441,17 @@ def test_numba_without_a_thread_is_one_line(threads):
     assert err == "brdfatlas: NUMBA_NUM_THREADS: less than one thread; set it to 1 or more, or unset it\n"
     process = in_a_process(code.replace("/usr/bin/brdfatlas", "mine.py"), NUMBA_NUM_THREADS=threads)
     assert "ValueError: Number of threads" in process.communicate()[1]
+
+
+@pytest.mark.parametrize("text", ["abc", "", "1.5", "9" * 30])
+def test_a_time_that_is_none_is_told_with_its_variable(text):
+    """NumPy's and Matplotlib's own error does not name it."""
+    told = f"SOURCE_DATE_EPOCH: {text!r} is no time in whole seconds; correct it, or unset it\n"
+    for program, begin in (("/usr/bin/brdfatlas", "brdfatlas: "), ("mine.py", "ValueError: ")):
+        process = in_a_process(f"import sys; sys.argv = [{program!r}]; import brdfatlas", SOURCE_DATE_EPOCH=text)
+        err = process.communicate()[1]
+        assert process.returncode == 1
+        assert err.endswith(begin + told)
 
 
 @pytest.mark.parametrize(("program", "words"), [("/usr/bin/brdfatlas", ""), ("mine.py", "KeyboardInterrupt")])

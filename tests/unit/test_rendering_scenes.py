@@ -200,7 +200,7 @@ def test_a_missing_mesh_is_named_with_its_key(tmp_path):
 def test_a_scene_that_shows_no_material_is_refused(tmp_path):
     variant()
     path = write(tmp_path, ("camera.target", [0, 0, 12]))
-    with pytest.raises(SceneError, match="no pixel shows the material"):
+    with pytest.raises(SceneError, match="no pixel of 16 x 16 shows the material alone"):
         scenes.prepare_scene("mine", read_scenes(path)["mine"], 16, 1, str(path))
 
 

@@ -55,8 +55,15 @@ def export_json(fit: Fit, path: str | os.PathLike) -> None:
     write_text(path, rows + "\n")
 
 
-def import_json(path: str | os.PathLike) -> Fit:
-    """Read what :func:`export_json` wrote: the same fit. ValueError names the file and what is wrong with it."""
+def is_fit_json(path: str | os.PathLike) -> bool:
+    """Whether a regular file begins as :func:`export_json` begins it."""
+    with open(path, "rb") as handle:
+        return re.match(rb'\{\s*"format": "brdfatlas fit ', handle.read(64)) is not None
+
+
+def import_json(path: str | os.PathLike, source: str | os.PathLike | None = None) -> Fit:
+    """Read what :func:`export_json` wrote: the same fit. ``source``: as of :func:`.fits.load_fit`. ValueError names the
+    file and what is wrong with it."""
     name = shown(path)
     try:
         value = read_json(path)
@@ -83,8 +90,10 @@ def import_json(path: str | os.PathLike) -> Fit:
     if not all(isinstance(label, str | None) for label in labels.values()):
         raise ValueError(f"{name}: damaged, its entry or source is no text; export the fit again")
     labels["entry"] = labels["entry"] or ""
+    if source:
+        labels["source"] = str(source)
     fit = Fit(value["model"], value["material"], parameters, value["options"], value["standin"], **labels)
-    check_fit(fit, path)
+    check_fit(fit, path, trusted=bool(source))
     return fit
 
 

@@ -22,8 +22,9 @@ import numpy as np
 
 from brdfatlas.files import atomic_path, read_record
 from brdfatlas.fits import Fit, load_fit
-from brdfatlas.models import own_faults
+from brdfatlas.models import MODELS, own_faults
 from brdfatlas.models.base import Factors, FitError, Model
+from brdfatlas.models.loading import BUILTIN
 
 WIDTH, HEIGHT = 512, 128
 D_AT, F_AT, G_AT, RHO_D_AT, RHO_S_AT = 0, 90, 180, 270, 271
@@ -76,7 +77,9 @@ def build_uber_texture(fits: Sequence[Fit]) -> UberTexture:
     factors = [fit.factors() for fit in fits]
     if len(models) != 1 or not all(map(one_product, factors)):
         found = ", ".join(sorted(models)) or "no fit"
-        raise UberTextureError(f"an uber-texture holds fits of one of the models with one product D F G, not {found}")
+        able = ", ".join(name for name in BUILTIN if has_row(MODELS[name]))
+        wanted = "an uber-texture holds fits of one model with one product D F G"
+        raise UberTextureError(f"{wanted}, not {found}; those are {able}")
     names = tuple(fit.material for fit in fits)
     if len(names) > HEIGHT:
         raise UberTextureError(f"an uber-texture holds {HEIGHT} materials, not {len(names)}; leave some out")

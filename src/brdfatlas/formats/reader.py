@@ -9,8 +9,9 @@ import os
 from dataclasses import replace
 from types import ModuleType
 
+from brdfatlas.files import ours
 from brdfatlas.formats import merl, rgl, spectral, stored, tables
-from brdfatlas.formats.files import HEAD_BYTES, read_bytes
+from brdfatlas.formats.files import HEAD_BYTES, read_bytes, size_of
 from brdfatlas.measured import Measured, MeasuredError
 
 FORMATS = (stored, rgl, merl, tables, spectral)
@@ -22,6 +23,8 @@ PACKED = {
     b"\xfd7zXZ": "packed by xz; unpack it first (unxz)",
     b"BZh": "packed by bzip2; unpack it first (bunzip2)",
 }
+#: Kinds of files of ours that are taken for measurements.
+EXPORTED = ("JSON", "XML", "MaterialX", "glTF", "picture")
 ENDINGS = frozenset(ending for module in FORMATS for ending in module.ENDINGS)
 
 
@@ -53,7 +56,9 @@ def _module(path: str | os.PathLike) -> ModuleType:
         ending = os.path.splitext(os.fspath(path))[1].lower()
         module = next((m for m in FORMATS if ending in m.ENDINGS), None)
     if module is None:
-        raise MeasuredError(f"{path}: {_looks(read_bytes(path, 16))}; {KNOWN} are read")
+        kind = next((kind for kind in EXPORTED if size_of(path) and ours(path, kind)), None)
+        what = f"{kind} that brdfatlas wrote, no measurement" if kind else _looks(read_bytes(path, 16))
+        raise MeasuredError(f"{path}: {what}; {KNOWN} are read")
     return module
 
 

@@ -285,7 +285,8 @@ def prepare_scene(
     background = np.array(mi.render(loaded, spp=samples, seed=0), np.float32)
     coverage = _coverage(loaded, scene, size)
     if coverage.max() < 0.9999:
-        raise SceneError(f"{where}: no pixel shows the material; move the camera or the shapes")
+        fault = f"no pixel of {size} x {size} shows the material alone"
+        raise SceneError(f"{where}: {fault}; take a larger size, or move the camera or the shapes")
     return PreparedScene(name, scene, size, environment, meshes, background, coverage, points, notes)
 
 
