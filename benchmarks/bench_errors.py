@@ -2,9 +2,9 @@
 
     python benchmarks/bench_errors.py
 
-Asked: the dE00 map <= 0.1 s. CPU seconds of this thread, the median of 5; FLIP, whose library starts threads of its
-own, as CPU seconds of the process. The yardstick of dE00 in the same run is colour-science, of the MSE the sum over all
-pairs of batches.
+Asked: the dE00 map <= 0.1 s. CPU seconds of this thread, the median of 5. The yardstick of dE00 in the same run is
+colour-science, of FLIP its authors' flip-evaluator (CPU seconds of the process, which has threads), of the MSE the sum
+over all pairs of batches.
 """
 
 import statistics
@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from brdfatlas.figures import pictures
-from brdfatlas.measures import errors
-from brdfatlas.rendering.images import Render
+from brdfatlas.measures import errors, flip
+from brdfatlas.rendering.images import Render, tone_map
 
 
 def seconds(function, repeats: int = 5, clock=time.thread_time) -> float:
@@ -48,10 +48,11 @@ def all_pairs(a: np.ndarray, b: np.ndarray) -> float:
 def main(files: list[Path] | None = None) -> None:
     """``files`` are not needed: the cost does not depend on the material."""
     import colour
+    from flip_evaluator import evaluate
 
     a, b, tone = picture(1), picture(2), errors.Tone(1.0, 2.2)
-    shown = errors.displayed(a, b, tone)
-    delta = seconds(lambda: errors.delta_e_map(a.mean, b.mean, 1.0))
+    shown = [tone_map(x.mean, *tone) for x in (a, b)]
+    delta = seconds(lambda: errors.delta_e(*(errors.displayed_lab(x.mean, 1.0) for x in (a, b))))
     lab = [errors.displayed_lab(x.mean, 1.0).astype(np.float64) for x in (a, b)]
     yardstick = seconds(lambda: colour.difference.delta_E_CIE2000(*lab), 3)
     own = seconds(lambda: errors.delta_e(*lab))
@@ -63,12 +64,20 @@ def main(files: list[Path] | None = None) -> None:
     print(f"  CIEDE2000 alone                        {own:7.3f} s   {yardstick / own:.1f} x faster than colour-science")
     print(f"PSNR, its standard error, relative MSE   {linear:7.3f} s")
     print(f"  unbiased MSE alone                     {gram:7.3f} s   {pairs / gram:.1f} x faster than all pairs")
-    print(f"SSIM                                     {seconds(lambda: errors.ssim_map(*shown)):7.3f} s")
-    flip = seconds(lambda: errors.flip_map(*shown), clock=time.process_time)
-    print(f"FLIP                                     {flip:7.3f} s")
-    whole = seconds(lambda: errors.image_errors(a, b, tone), clock=time.process_time)
+    ssim = seconds(lambda: errors.ssim_map(*map(errors.structure, shown)))
+    print(f"SSIM                                     {ssim:7.3f} s")
+    own = seconds(lambda: flip.flip(*map(flip.see, shown)))
+    settings = {"ppd": flip.SCALE}
+    inputs = [np.ascontiguousarray(x, np.float32) for x in shown]
+    yardstick = seconds(
+        lambda: evaluate(*inputs, "LDR", applyMagma=False, computeMeanError=False, parameters=settings),
+        3,
+        time.process_time,
+    )
+    print(f"FLIP                                     {own:7.3f} s   {yardstick / own:.1f} x faster than flip-evaluator")
+    whole = seconds(lambda: errors.image_errors(a, b, tone))
     print(f"all measures of one picture              {whole:7.3f} s")
-    print(f"its five pictures for the pages          {seconds(lambda: pictures.scene_pictures(a, b, tone)):7.3f} s")
+    print(f"its pictures for the pages               {seconds(lambda: pictures.Scene(a, tone).pictures(b)):7.3f} s")
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ assert value.shape == (3,) and np.isfinite(value).all() and (value > 0).all()
 assert np.array_equal(value, fit.evaluate(up, up))
 """
 #: Not among the dependencies of `pip install brdfatlas`.
-EXTRAS = "pandas snakemake typst mitsuba drjit matplotlib skimage PIL OpenEXR flip_evaluator jinja2 pypdf requests"
+EXTRAS = "pandas snakemake typst mitsuba drjit matplotlib skimage PIL OpenEXR jinja2 pypdf requests"
 
 
 def test_fits_need_no_extra(installed, tmp_path):

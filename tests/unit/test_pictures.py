@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from brdfatlas.figures import pictures
-from brdfatlas.measures.errors import Tone
+from brdfatlas.measures.errors import Tone, delta_e, displayed_lab
 from brdfatlas.rendering.images import Render, save_render
 
 TONE = Tone(1.0, 2.2)
@@ -94,7 +94,7 @@ def test_the_tone_mapped_picture_shows_the_tone_map(renders, tmp_path):
 
 
 def test_the_sign_of_a_difference_is_its_colour_and_the_background_is_transparent():
-    bright, dark, same = (pictures.scene_pictures(flat(0.4), flat(v), TONE)["diff"] for v in (0.6, 0.2, 0.4))
+    bright, dark, same = (pictures.Scene(flat(0.4), TONE).pictures(flat(v))["diff"] for v in (0.6, 0.2, 0.4))
     centre = (8, 8)
     assert bright[centre][0] > bright[centre][2] + 20  # red: too bright
     assert dark[centre][2] > dark[centre][0] + 20  # blue: too dark
@@ -105,16 +105,14 @@ def test_the_sign_of_a_difference_is_its_colour_and_the_background_is_transparen
 
 
 def test_maps_of_different_models_share_one_scale():
-    near, far = (pictures.scene_pictures(flat(0.4), flat(v), TONE)["de00"] for v in (0.41, 0.45))
+    near, far = (pictures.Scene(flat(0.4), TONE).pictures(flat(v))["de00"] for v in (0.41, 0.45))
     table = pictures.colour_table("cividis").astype(int)
 
     def place(picture):
         return int(np.argmin(np.abs(table - picture[8, 8, :3].astype(int)).sum(1)))
 
-    from brdfatlas.measures.errors import delta_e_map
-
     for picture, value in ((near, 0.41), (far, 0.45)):
-        delta = float(delta_e_map(np.full((1, 3), 0.4), np.full((1, 3), value), 1.0)[0])
+        delta = float(delta_e(*(displayed_lab(np.full((1, 3), v), 1.0) for v in (0.4, value)))[0])
         assert place(picture) == pytest.approx(255 * np.log(delta / 0.1) / np.log(300), abs=1.5)
 
 

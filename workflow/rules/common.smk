@@ -73,8 +73,8 @@ for item in LEFT_OUT:
 # Libraries whose versions make a result another. Each job states what it is made of, by provenance().
 FITTING = ("numpy", "scipy", "numba")
 RENDERING = ("numpy", "mitsuba", "drjit")
-MEASURING = ("numpy", "numba", "scikit-image", "flip-evaluator")
-DRAWING = ("numpy", "matplotlib", "pillow", "scikit-image", "flip-evaluator")
+MEASURING = ("numpy", "numba", "scikit-image", "scipy")
+DRAWING = ("numpy", "matplotlib", "pillow", "scikit-image", "scipy")
 TEMPLATES = ("reports/templates/*.j2",)
 
 # What the pictures of a run are in memory: millions of pixels of one, and MB of one with all its batches.

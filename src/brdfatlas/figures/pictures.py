@@ -31,6 +31,7 @@ import io
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,8 @@ from PIL import Image
 
 from brdfatlas.constants import LUMINANCE, REFERENCE, REFERENCE_AGAIN
 from brdfatlas.files import atomic_path, digests, write_json, write_text
-from brdfatlas.measures.errors import Tone, delta_e_map, displayed, flip_map, to_8_bit
+from brdfatlas.measures.errors import Tone, box_around, delta_e, displayed_lab, to_8_bit
+from brdfatlas.measures.flip import flip, see
 from brdfatlas.rendering.images import Render, load_render, tone_map
 
 #: Ends of the logarithmic scales of maps; values outside are shown as the nearer end.
@@ -58,6 +60,7 @@ def picture_file(folder: str | os.PathLike, scene: str, model: str, kind: str = 
     return Path(folder) / "renders" / scene / model / f"{kind}.webp"
 
 
+@cache
 def colour_table(name: str) -> np.ndarray:
     """A matplotlib colour map as (256, 3) uint8."""
     import matplotlib
@@ -67,10 +70,9 @@ def colour_table(name: str) -> np.ndarray:
 
 def apply_colours(values: np.ndarray, table: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Values in [0, 1] (clipped) through a (256, 3) table, opaque where ``mask``; (h, w, 4) uint8."""
-    rgba = np.zeros((*values.shape, 4), np.uint8)
-    rgba[mask, :3] = table[to_8_bit(values[mask])]
-    rgba[mask, 3] = 255
-    return rgba
+    opaque = np.insert(table, 3, 255, axis=1).view(np.uint32)[:, 0]
+    shown = np.where(mask, opaque[to_8_bit(np.where(mask, values, 0))], 0)
+    return shown.astype(np.uint32)[..., None].view(np.uint8)
 
 
 def log_place(values: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
@@ -144,19 +146,40 @@ def write_webp(path: str | os.PathLike, pixels: np.ndarray) -> None:
         Image.fromarray(pixels).save(temporary, "WEBP", quality=85 if pixels.shape[2] == 3 else 75, method=4)
 
 
-def scene_pictures(reference: Render, image: Render, tone: Tone) -> dict[str, np.ndarray]:
-    """The pictures of one model and scene by their kind, uint8."""
-    mask = reference.mask
-    shown, compared = displayed(reference, image, tone)
-    delta = np.zeros(mask.shape)
-    delta[mask] = delta_e_map(reference.mean[mask], image.mean[mask], tone.exposure)
-    signed = signed_root(luminance_difference(reference.mean, image.mean, tone.exposure))
-    return {
-        "render": to_8_bit(tone_map(image.mean, *tone)),
-        "de00": apply_colours(log_place(delta, DE00_RANGE), colour_table("cividis"), mask),
-        "flip": apply_colours(log_place(flip_map(shown, compared), FLIP_RANGE), colour_table("magma"), mask),
-        "diff": apply_colours(signed, colour_table("RdBu_r"), mask),
-    }
+class Scene:
+    """A reference with what the pictures of all models need of it alone."""
+
+    def __init__(self, reference: Render, tone: Tone) -> None:
+        self.reference, self.mask, self.tone = reference, reference.mask, tone
+        self.base = hdr_levels(reference.mean)
+        self.lab = displayed_lab(reference.mean[self.mask], tone.exposure)
+        self.box = box_around(self.mask)
+        self.shown = tone_map(reference.mean[self.box], *tone)
+        self.seen = see(self.shown)
+
+    def pictures(self, image: Render, kinds: Iterable[str] = KINDS) -> dict[str, np.ndarray]:
+        """The pictures of one model by their kind, uint8."""
+        return {kind: getattr(self, kind)(image) for kind in kinds}
+
+    def render(self, image: Render) -> np.ndarray:
+        return to_8_bit(tone_map(image.mean, *self.tone))
+
+    def de00(self, image: Render) -> np.ndarray:
+        delta = np.zeros(self.mask.shape, np.float32)
+        delta[self.mask] = delta_e(self.lab, displayed_lab(image.mean[self.mask], self.tone.exposure))
+        return apply_colours(log_place(delta, DE00_RANGE), colour_table("cividis"), self.mask)
+
+    def flip(self, image: Render) -> np.ndarray:
+        """Outside the mask both show the reference, so that filters that reach over the material's edge see no
+        noise."""
+        mask, found = self.mask[self.box], np.zeros(self.mask.shape, np.float32)
+        shown = np.where(mask[..., None], tone_map(image.mean[self.box], *self.tone), self.shown)
+        found[self.box] = flip(self.seen, see(shown))
+        return apply_colours(log_place(found, FLIP_RANGE), colour_table("magma"), self.mask)
+
+    def diff(self, image: Render) -> np.ndarray:
+        signed = luminance_difference(self.reference.mean, image.mean, self.tone.exposure)
+        return apply_colours(signed_root(signed), colour_table("RdBu_r"), self.mask)
 
 
 def material_pictures(
@@ -173,21 +196,22 @@ def material_pictures(
     renders, folder, written = Path(renders), Path(folder), []
     for scene, tone in tones.items():
         reference = load_render(renders / REFERENCE / f"{scene}.exr")
-        base = hdr_levels(reference.mean)
+        pictured = Scene(reference, tone)
         for model in dict.fromkeys([REFERENCE, *models, REFERENCE_AGAIN]):
             image = reference if model == REFERENCE else load_render(renders / model / f"{scene}.exr")
             pictures = {}
             if image.meta.get("status", "ok") == "ok" and np.isfinite(image.mean).all():
-                pictures = scene_pictures(reference, image, tone)
-            keep = {REFERENCE: ("render",), REFERENCE_AGAIN: ("de00",)}.get(model, KINDS)
+                kinds = {REFERENCE: ("render",), REFERENCE_AGAIN: ("de00",)}.get(model, KINDS)
+                pictures = pictured.pictures(image, kinds)
             for kind in KINDS:
                 path = picture_file(folder, scene, model, kind)
-                if kind in keep and kind in pictures:
+                if kind in pictures:
                     write_webp(path, pictures[kind])
                     written.append(path)
                 else:
                     path.unlink(missing_ok=True)
             if pictures and model != REFERENCE_AGAIN:
+                base = pictured.base
                 levels = (base,) if model == REFERENCE else (hdr_levels(image.mean, base), base)
                 written.append(write_hdr(folder, scene, model, *levels))
             else:

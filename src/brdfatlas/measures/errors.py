@@ -38,6 +38,7 @@ from brdfatlas.files import read_record
 from brdfatlas.fits import load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, fold
+from brdfatlas.measures.flip import SCALE, Seen, flip, see
 from brdfatlas.measures.ranking import RANKED
 from brdfatlas.measures.tsv import write_tsv
 from brdfatlas.objectives import compressive_weights, cosine_weighted, loew_e2, log_deviation, relative_objective
@@ -62,8 +63,6 @@ PAIR_ERRORS = tuple(measure.error for measure in RANKED.values())
 BRDF_MEASURES = ("objective_compressive", "loew_e2", "cosine_weighted", "log_deviation")
 #: An estimate of the MSE below this many standard errors is indistinguishable from zero; PSNR is then a lower bound.
 DETECTION = 2.0
-#: Pixels a degree of visual angle for FLIP, its default.
-FLIP_SCALE = 67.0
 #: Pixels around the mask that its measures look at: FLIP's widest filter reaches 10, SSIM's window 5.
 MARGIN = 12
 #: Side of a block of pixels in the estimate of noise: wider than those filters, so that blocks are independent.
@@ -173,17 +172,21 @@ class LinearReference:
     """What the linear measures need of a reference: its covered pixels, its peak with each batch left out."""
 
     def __init__(self, reference: Render) -> None:
-        self.mask = reference.mask
-        self.batches = reference.batches[:, self.mask]
-        covered = reference.mean[self.mask].astype(np.float64)
+        self.covered = np.flatnonzero(reference.mask)
+        self.batches = self.of(reference)
+        covered = reference.mean[reference.mask].astype(np.float64)
         n = len(self.batches)
         self.peak = float(covered.max())
         self.peaks = np.array([(covered * n - b).max() / (n - 1) for b in self.batches] if n > 1 else [self.peak])
         self.scale = 1 / np.sqrt(covered**2 + 0.01 * max(float(covered.mean()) ** 2, 1e-30))
 
+    def of(self, render: Render) -> np.ndarray:
+        """The batches (n, pixels, 3) of a render where the material is."""
+        return np.take(render.batches.reshape(len(render.batches), -1, 3), self.covered, axis=1)
+
 
 def _linear(reference: LinearReference, image: Render, unbiased: bool) -> Linear:
-    difference = image.batches[:, reference.mask].astype(np.float64) - reference.batches
+    difference = np.subtract(reference.of(image), reference.batches, dtype=np.float64)
     n = len(difference)
     unbiased = unbiased and n > 1
     products = _products(difference)
@@ -227,72 +230,82 @@ def delta_e(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return deltaE_ciede2000(a, b)
 
 
-def delta_e_map(reference: np.ndarray, image: np.ndarray, exposure: float) -> np.ndarray:
-    """CIEDE2000 per pixel between images of linear radiance (..., 3) at one exposure; (...) float32."""
-    return delta_e(displayed_lab(reference, exposure), displayed_lab(image, exposure)).astype(np.float32)
+@dataclass(frozen=True)
+class Structure:
+    """A display image (h, w, 3) with its local means and mean squares, for :func:`ssim_map`."""
+
+    values: np.ndarray
+    mean: np.ndarray
+    square: np.ndarray
 
 
-def flip_map(reference: np.ndarray, image: np.ndarray, pixels_per_degree: float = FLIP_SCALE) -> np.ndarray:
-    """FLIP (Andersson et al. 2020) per pixel of two display images (h, w, 3) in [0, 1]; (h, w) float32."""
-    from flip_evaluator import evaluate
-
-    a, b = (np.ascontiguousarray(x, dtype=np.float32) for x in (reference, image))
-    settings = {"ppd": pixels_per_degree}
-    found = evaluate(a, b, "LDR", applyMagma=False, computeMeanError=False, parameters=settings)[0]
-    return np.asarray(found).reshape(a.shape[:2])
+def structure(display: np.ndarray) -> Structure:
+    """What SSIM needs of one display image (h, w, 3) in [0, 1] alone."""
+    display = np.asarray(display, np.float32)
+    return Structure(display, _window(display), _window(display * display))
 
 
-def ssim_map(reference: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """SSIM (Wang et al. 2004: Gaussian window, sigma 1.5) per pixel of two display images (h, w, 3); channels
-    averaged, (h, w)."""
-    from skimage.metrics import structural_similarity
+def _window(values: np.ndarray) -> np.ndarray:
+    """Means over SSIM's window: a Gaussian of sigma 1.5, 11 pixels wide."""
+    from scipy.ndimage import gaussian_filter
 
-    _, values = structural_similarity(
-        np.asarray(reference, np.float32),
-        np.asarray(image, np.float32),
-        channel_axis=2,
-        data_range=1.0,
-        gaussian_weights=True,
-        sigma=1.5,
-        use_sample_covariance=False,
-        full=True,
-    )
-    return values.mean(-1)
+    return gaussian_filter(values, 1.5, radius=5, axes=(0, 1))
 
 
-def displayed(reference: Render, image: Render, tone: Tone) -> tuple[np.ndarray, np.ndarray]:
-    """Both images tone-mapped, (h, w, 3); outside the mask both show the reference, so that windows that reach over the
-    edge of the material see no noise."""
-    shown = tone_map(reference.mean, *tone)
-    return shown, np.where(reference.mask[..., None], tone_map(image.mean, *tone), shown)
+def ssim_map(a: Structure, b: Structure) -> np.ndarray:
+    """SSIM (Wang et al. 2004: Gaussian window, sigma 1.5) per pixel of two images; channels averaged, (h, w)."""
+    c1, c2 = np.float32(0.01**2), np.float32(0.03**2)
+    products, squares = a.mean * b.mean, a.mean**2 + b.mean**2
+    covariance = _window(a.values * b.values) - products
+    variances = a.square + b.square - squares
+    return ((2 * products + c1) * (2 * covariance + c2) / ((squares + c1) * (variances + c2))).mean(-1)
 
 
-def check_pair(reference: Render, image: Render) -> None:
-    """ValueError unless both have one size, equally many batches, a covered pixel and finite covered pixels."""
-    if reference.mean.shape != image.mean.shape:
-        raise ValueError(f"images of different sizes: {reference.mean.shape[:2]} and {image.mean.shape[:2]}")
-    if reference.batches.shape != image.batches.shape:
-        raise ValueError(f"different numbers of batches: {len(reference.batches)} and {len(image.batches)}")
+def box_around(mask: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns of a mask (h, w) with the margin that FLIP and SSIM look at; all, if it covers nothing."""
+    if not mask.any():
+        return slice(None), slice(None)
+    rows, columns = (np.flatnonzero(mask.any(axis)) for axis in (1, 0))
+    rows, columns = (slice(max(int(i[0]) - MARGIN, 0), int(i[-1]) + MARGIN + 1) for i in (rows, columns))
+    return rows, columns
+
+
+def check_reference(reference: Render) -> None:
+    """ValueError unless the material covers a pixel, and its pixels are finite and not all black."""
     if not reference.mask.any():
         raise ValueError("no pixel of the reference is covered by the material")
-    for name, render in (("reference", reference), ("image", image)):
-        if not np.isfinite(render.mean[reference.mask]).all():
-            raise ValueError(f"the {name} holds NaN or Inf where the material is")
-        if not np.isfinite(render.batches[:, reference.mask]).all():
-            raise ValueError(f"a batch of the {name} holds NaN or Inf where the material is")
+    _check_finite("reference", reference, reference.mask)
     if not reference.mean[reference.mask].max() > 0:
         raise ValueError("the reference is black where the material is: PSNR has no peak")
 
 
+def check_image(reference: Render, image: Render) -> None:
+    """ValueError unless an image has the size and the number of batches of its reference, and finite covered pixels."""
+    if reference.mean.shape != image.mean.shape:
+        raise ValueError(f"images of different sizes: {reference.mean.shape[:2]} and {image.mean.shape[:2]}")
+    if reference.batches.shape != image.batches.shape:
+        raise ValueError(f"different numbers of batches: {len(reference.batches)} and {len(image.batches)}")
+    _check_finite("image", image, reference.mask)
+
+
+def _check_finite(name: str, render: Render, mask: np.ndarray) -> None:
+    if not np.isfinite(render.mean[mask]).all():
+        raise ValueError(f"the {name} holds NaN or Inf where the material is")
+    # To pick the covered pixels costs ten times as much as to look at all.
+    if not np.isfinite(render.batches).all() and not np.isfinite(render.batches[:, mask]).all():
+        raise ValueError(f"a batch of the {name} holds NaN or Inf where the material is")
+
+
 @dataclass(frozen=True)
 class View:
-    """A reference as a viewer sees it, in the box around its mask: ``lab`` of the covered pixels (n, 3), ``shown``
-    tone-mapped (h, w, 3), ``coarse`` the same at half the resolution."""
+    """A reference as a viewer sees it, in the box around its mask: ``linear`` and tone-mapped ``shown`` (h, w, 3),
+    ``lab`` of the covered pixels (n, 3), and what SSIM and FLIP need of it."""
 
     linear: np.ndarray
     lab: np.ndarray
     shown: np.ndarray
-    coarse: np.ndarray
+    structure: Structure
+    seen: Seen
 
 
 class Picture:
@@ -303,28 +316,29 @@ class Picture:
     """
 
     def __init__(self, reference: Render, tone: Tone) -> None:
-        check_pair(reference, reference)
+        check_reference(reference)
         self.reference, self.tone = reference, tone
-        rows, columns = (np.flatnonzero(reference.mask.any(axis)) for axis in (1, 0))
-        self.box = tuple(slice(max(int(i[0]) - MARGIN, 0), int(i[-1]) + MARGIN + 1) for i in (rows, columns))
+        self.box = box_around(reference.mask)
         self.mask = reference.mask[self.box]
         self.count = int(self.mask.sum())
         self.linear = LinearReference(reference)
         self.view = self._view(reference.mean[self.box])
         half = len(reference.batches) // 2
         self.halves = [slice(0, half), slice(half, 2 * half)] if half else []
-        self.half_views = [self._view(self._mean(reference, part)) for part in self.halves]
+        self.half_views = [self._view(self._mean(reference, part), half=True) for part in self.halves]
 
     def _mean(self, render: Render, part: slice) -> np.ndarray:
         return render.batches[(part, *self.box)].mean(0)
 
-    def _view(self, linear: np.ndarray) -> View:
-        lab = displayed_lab(linear[self.mask], self.tone.exposure)
-        return View(linear, lab, tone_map(linear, *self.tone), tone_map(_halved(linear), *self.tone))
+    def _view(self, linear: np.ndarray, *, half: bool = False) -> View:
+        """``half``: for FLIP at half the resolution."""
+        lab, shown = displayed_lab(linear[self.mask], self.tone.exposure), tone_map(linear, *self.tone)
+        seen = see(tone_map(_halved(linear), *self.tone), SCALE / 2) if half else see(shown)
+        return View(linear, lab, shown, structure(shown), seen)
 
     def errors(self, image: Render, *, common_numbers: bool = True) -> tuple[dict[str, float], "Spread"]:
         """All IMAGE_MEASURES of an image, and how they scatter; see :func:`image_errors`."""
-        check_pair(self.reference, image)
+        check_image(self.reference, image)
         linear, view = _linear(self.linear, image, common_numbers), self.view
         seen = np.where(self.mask[..., None], image.mean[self.box], view.linear)
         shown = tone_map(seen, *self.tone)
@@ -335,8 +349,8 @@ class Picture:
             "psnr_tonemapped_db": psnr(255.0, float(np.mean((a - b) ** 2))),
             "de00_mean": float(delta.mean(dtype=np.float64)),
             "de00_p95": float(np.percentile(delta, 95)),
-            "flip_mean": float(flip_map(view.shown, shown)[self.mask].mean(dtype=np.float64)),
-            "ssim": float(ssim_map(view.shown, shown)[self.mask].mean(dtype=np.float64)),
+            "flip_mean": float(flip(view.seen, see(shown))[self.mask].mean(dtype=np.float64)),
+            "ssim": float(ssim_map(view.structure, structure(shown))[self.mask].mean(dtype=np.float64)),
         }
         values |= {RANKED[key].error: _root(part) for key, part in blocks.items()}
         return {name: values[name] for name in IMAGE_MEASURES}, Spread(linear.without, blocks)
@@ -351,8 +365,8 @@ class Picture:
             seen = np.where(self.mask[..., None], self._mean(image, part), view.linear)
             delta = np.zeros(self.mask.shape, np.float32)
             delta[self.mask] = delta_e(view.lab, displayed_lab(seen[self.mask], self.tone.exposure))
-            flip = flip_map(view.coarse, tone_map(_halved(seen), *self.tone), FLIP_SCALE / 2)
-            maps.append((delta, flip, ssim_map(view.shown, tone_map(seen, *self.tone))))
+            coarse = flip(view.seen, see(tone_map(_halved(seen), *self.tone), SCALE / 2))
+            maps.append((delta, coarse, ssim_map(view.structure, structure(tone_map(seen, *self.tone)))))
         # two halves of n // 2 batches: the variance of their mean is a quarter of that of their difference
         share = np.sqrt(2 * (len(image.batches) // 2) / len(image.batches)) / (2 * self.count)
         # FLIP at half the resolution is as noisy as at the full one, because its filters are wider than a pixel: a
@@ -405,7 +419,8 @@ def image_errors(reference: Render, image: Render, tone: Tone, *, common_numbers
     measures. False for two references of different seeds, where the noise itself is what is measured, and the plain
     MSE of the two averages is reported. Tone-mapped PSNR, dE00, FLIP and SSIM are not linear and always are those of
     the averages; the row "reference, other seed" says how much of them is noise. Raises ValueError as
-    :func:`check_pair`.
+    :func:`check_reference`
+    and :func:`check_image`.
     """
     return Picture(reference, tone).errors(image, common_numbers=common_numbers)[0]
 

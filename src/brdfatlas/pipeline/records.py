@@ -95,7 +95,6 @@ PACKAGES = (
     "mitsuba",
     "drjit",
     "scikit-image",
-    "flip-evaluator",
     "OpenEXR",
     "snakemake",
 )
