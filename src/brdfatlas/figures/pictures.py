@@ -119,8 +119,8 @@ def write_hdr(
     steps = (levels if base is None else (levels - base) // COARSE) + 128
     stored, path = io.BytesIO(), hdr_file(folder, scene, model)
     pixels = np.concatenate([steps & 255, steps >> 8 & 255]).astype(np.uint8)
-    # Method 6 takes ten times as long for 3 % less.
-    Image.fromarray(pixels).save(stored, "WEBP", quality=75, method=4, lossless=True)
+    # Method 4 takes twice as long for 1 % less, method 6 twenty times for 4 % less.
+    Image.fromarray(pixels).save(stored, "WEBP", quality=75, method=3, lossless=True)
     content = base64.b64encode(stored.getvalue()).decode("ascii")
     write_text(path, f'window.ATLAS_HDR({json.dumps(f"{Path(folder).name}/{scene}/{model}")},"{content}");\n')
     return path
