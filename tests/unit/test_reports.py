@@ -411,7 +411,7 @@ def test_script_of_the_index_holds_every_number(run):
 def test_linear_light_travels_as_a_script(run):
     folder = run.reports / "materials/pvc"
     path = folder / "renders/grove/toy_01/hdr.js"
-    assert path.read_text().startswith('window.ATLAS_HDR("pvc/grove/toy_01","')
+    assert path.read_text("utf-16").startswith('window.ATLAS_HDR("pvc/grove/toy_01",')
     radiance = read_hdr(folder, "grove", "toy_01")
     assert radiance.shape == (24, 24, 3)
     assert radiance.max() > 1

@@ -1,8 +1,8 @@
 """Tables of the reference and of fits for the interactive viewer, small enough for a report.
 
-``tables/{model}.js`` calls ``ATLAS_TABLE("material/model", cells, base64)``. ``cells``: how many of theta_h, theta_d
-and phi_d. The text is zlib of int16 little-endian, theta_h fastest, then theta_d, phi_d, channel; each row of theta_h
-as differences, and green and blue as differences to red, of
+``tables/{model}.js`` calls ``ATLAS_TABLE("material/model", cells, count, text)`` (figures.scripts). ``cells``: how many
+of theta_h, theta_d and phi_d. The bytes are zlib of int16 little-endian, theta_h fastest, then theta_d, phi_d, channel;
+each row of theta_h as differences, and green and blue as differences to red, of
 
     q = round(STEPS log2(max(value, FLOOR) / FLOOR)),    value in 1/sr = FLOOR 2^(q / STEPS),
 
@@ -11,8 +11,6 @@ to their means, extended over the horizon as for rendering. phi_d runs over 0 to
 not reciprocal: the rest of the circle is its mirror image.
 """
 
-import base64
-import json
 import os
 import zlib
 from pathlib import Path
@@ -20,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H
-from brdfatlas.files import write_text
+from brdfatlas.figures.scripts import write_script
 from brdfatlas.models.base import Factors
 
 STEPS, FLOOR = 64, 1e-5
@@ -49,16 +47,16 @@ def small_table(full: np.ndarray) -> np.ndarray:
     return blocks.mean((2, 4), dtype=np.float32)
 
 
-def encode_table(values: np.ndarray) -> str:
-    """What :func:`small_table` gives, as base64 text."""
+def encode_table(values: np.ndarray) -> bytes:
+    """What :func:`small_table` gives, compressed."""
     steps = np.rint(STEPS * np.log2(np.maximum(values, FLOOR) / FLOOR)).astype(np.int16).transpose(3, 2, 1, 0)
     steps = np.diff(np.stack([steps[0], steps[1] - steps[0], steps[2] - steps[0]]), axis=-1, prepend=np.int16(0))
-    return base64.b64encode(zlib.compress(np.ascontiguousarray(steps, "<i2").tobytes(), 9)).decode("ascii")
+    return zlib.compress(np.ascontiguousarray(steps, "<i2").tobytes(), 9)
 
 
-def decode_table(text: str, cells: tuple[int, int, int]) -> np.ndarray:
+def decode_table(content: bytes, cells: tuple[int, int, int]) -> np.ndarray:
     """The inverse of :func:`encode_table`, (theta_h, theta_d, phi_d, 3): what the page's script does."""
-    steps = np.frombuffer(zlib.decompress(base64.b64decode(text)), "<i2").reshape(3, *cells[::-1])
+    steps = np.frombuffer(zlib.decompress(content), "<i2").reshape(3, *cells[::-1])
     steps = np.cumsum(steps, -1)
     return (FLOOR * 2.0 ** (np.stack([steps[0], steps[0] + steps[1], steps[0] + steps[2]]) / STEPS)).transpose(
         3, 2, 1, 0
@@ -68,5 +66,4 @@ def decode_table(text: str, cells: tuple[int, int, int]) -> np.ndarray:
 def write_table(path: str | os.PathLike, name: str, table: np.ndarray) -> None:
     """Write a table (90, 90, 180 or 360, 3) in 1/sr without NaN for the viewer; ``name``: material/model."""
     values = small_table(table)
-    cells = list(values.shape[:3])
-    write_text(path, f'window.ATLAS_TABLE({json.dumps(name)},{cells},"{encode_table(values)}");\n')
+    write_script(path, "ATLAS_TABLE", [name, list(values.shape[:3])], encode_table(values))

@@ -56,17 +56,16 @@
 
   // --- pictures ---------------------------------------------------------------------------------------------------------
   const store = new Map();
-  window.ATLAS_HDR = async (id, data) => {
+  window.ATLAS_HDR = async (id, count, text) => {
     const entry = store.get(id);
     if (!entry) return;
-    try { entry.picture = await decode(data, id); } catch { entry.error = "cannot be decoded"; }
+    try { entry.picture = await decode(window.atlasUnpack(count, text), id); } catch { entry.error = "cannot be decoded"; }
     entry.done();
   };
   // Levels of log radiance as brdfatlas.figures.pictures stores them; a fit's are steps from those of its reference.
-  const STEPS = 96, COARSE = 4;
-  async function decode(base64, id) {
+  const STEPS = 96, COARSE = 8;
+  async function decode(bytes, id) {
     const own = id.replace(/[^/]*$/, "reference"), reference = own === id ? null : load(own);
-    const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
     const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/webp" }), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
     const off = new OffscreenCanvas(bitmap.width, bitmap.height), ctx = off.getContext("2d", { willReadFrequently: true });
     ctx.drawImage(bitmap, 0, 0);

@@ -216,8 +216,8 @@ void main() {
   // --- tables ------------------------------------------------------------------------------------------------------------
   // brdfatlas.figures.tables: zlib of differences of logarithms, theta_h fastest; loaded once and kept.
   const STEPS = 64, FLOOR = 1e-5, tables = new Map();
-  async function decode(cells, text) {
-    const stream = new Blob([bytes(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  async function decode(cells, packed) {
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
     const steps = new Int16Array(await new Response(stream).arrayBuffer()), n = steps.length / 3, width = cells[0];
     for (let i = 0; i < steps.length; i++) if (i % width) steps[i] += steps[i - 1];
     const rgba = new Float32Array(4 * n);
@@ -241,7 +241,7 @@ void main() {
     for (let i = 0; i < width; i++) { sum += (total > 0 ? 0.98 * sums[i] / total : 0) + (total > 0 ? 0.02 : 1) * (edge(i + 1) - edge(i)); out[i] = sum; }
     return out.map((v) => v / sum);
   }
-  window.ATLAS_TABLE = (id, cells, text) => tables.get(id)?.arrived(decode(cells, text));
+  window.ATLAS_TABLE = (id, cells, count, text) => tables.get(id)?.arrived(decode(cells, window.atlasUnpack(count, text)));
   function loadTable(id) {
     if (!tables.has(id)) {
       const entry = {};
