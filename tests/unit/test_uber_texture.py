@@ -53,7 +53,7 @@ def test_what_makes_no_texture(tmp_path):
     for fits, reason in (
         ([], "no fit"),
         ([random_fit("naive", "a", 0)], "naive"),
-        ([one, random_fit("g_from_d", "b", 1)], "one of"),
+        ([one, random_fit("g_from_d", "b", 1)], "fits of one model"),
         ([one, one], "twice"),
         ([random_fit("g_from_d", f"m{k}", k) for k in range(129)], "128 materials"),
     ):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfatlas.files import FileFault, plain, read_json, shortest_number, shown, write_text
+from brdfatlas.files import plain, read_json, shortest_number, shown, write_text
 from brdfatlas.fits import Fit, check_fit
 
 FORMAT = "brdfatlas fit 1"
@@ -69,10 +69,6 @@ def import_json(path: str | os.PathLike, source: str | os.PathLike | None = None
         value = read_json(path)
     except FileNotFoundError:
         raise ValueError(f"{name}: no such file") from None
-    except FileFault:
-        raise
-    except ValueError as error:
-        raise ValueError(f"{name}: not JSON ({shown(error)})") from None
     if not isinstance(value, dict) or value.get("format") != FORMAT:
         raise ValueError(f"{name}: not a {FORMAT!r}")
     kinds = {"model": str, "material": str, "options": dict, "standin": bool, "parameters": dict}
