@@ -131,7 +131,8 @@ class Measured:
             np.stack([h, d, np.sin(h) * np.sin(d) * np.abs(np.cos(phi))], -1)
             for h, d, phi in (half_difference(wi, wo), np.moveaxis(self.samples, -1, 0))
         )
-        return cKDTree(samples).query(at, distance_upper_bound=SAME_PAIR)[0] < SAME_PAIR
+        far = np.where(np.isfinite(at), at, 9.0)  # a direction that is none is no sample
+        return np.less(cKDTree(samples).query(far, distance_upper_bound=SAME_PAIR)[0], SAME_PAIR)
 
 
 def fold(table: np.ndarray) -> np.ndarray:

@@ -284,6 +284,15 @@ def test_what_is_no_measurement_is_called_so(tmp_path):
         brdfatlas.read(tmp_path / "pipe.csv")
 
 
+def test_single_pairs_and_what_is_none_have_a_place_beside_samples(tmp_path):
+    wi, wo = tables.regular_directions(20)
+    tables.write_csv(tmp_path / "a.csv", wi, wo, 0.2 + 0.1 * wi * wo, "measured", "f")
+    measured = brdfatlas.read(tmp_path / "a.csv")
+    assert np.isfinite(measured.evaluate_measured(wi[-1], wo[-1])).all()
+    assert measured.evaluate_measured(wi[-1], wo[-1]).shape == (3,)
+    assert np.isnan(measured.evaluate_measured(np.nan * wi, wo)).all()
+
+
 def test_a_table_keeps_its_pairs_whatever_often_it_is_converted(tmp_path):
     """Those at the edge of what was measured among them, where most cells around have no value."""
     from brdfatlas.cli import main
