@@ -60,7 +60,11 @@ def shown(text: object) -> str:
 
 def digits(text: AnyStr) -> AnyStr:
     """``text`` for ``float`` or ``int``. ValueError for ``1_0``, which they read as 10, and digits of other scripts."""
-    if not text.isascii() or (b"_" if isinstance(text, bytes) else "_") in text:
+    if isinstance(text, bytes):
+        other = b"_" in text
+    else:
+        other = "_" in text or (not text.isascii() and any(c.isdecimal() and not c.isascii() for c in text))
+    if other:
         raise ValueError(f"{text[:40]!r} is not a number")
     return text
 

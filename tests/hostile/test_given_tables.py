@@ -41,6 +41,12 @@ def test_a_table_that_contradicts_itself_is_named(refused, what):
     refused(["info", "bad.csv"], "bad.csv: ", words)
 
 
+def test_spaces_of_other_kinds_do_no_harm(tmp_path):
+    """A spreadsheet's no-break space is no other digit."""
+    (tmp_path / "mine.csv").write_text(table(head="# values: f\n").replace(",0.2,", ",\u00a00.2,"), encoding="utf-8")
+    assert brdfatlas.read(tmp_path / "mine.csv").valid.any()
+
+
 def test_spectral_text_takes_no_1_0_for_10(refused):
     (refused.folder / "bad.brdf").write_text("3\n400 500 600\n" + "0 0 0 0 1 1 1_0\n")
     refused(["info", "bad.brdf"], "bad.brdf: line 3: '1_0' is not a number")
