@@ -147,6 +147,12 @@ def test_directions_that_are_no_unit_vectors_are_refused():
             measured.evaluate(wi, wo)
 
 
+def test_no_table_is_written_that_is_not_read(tmp_path):
+    with pytest.raises(ValueError, match=r"a\.binary: the table holds Inf"):
+        brdfatlas.write_merl(tmp_path / "a.binary", np.full((*GRID_SHAPE, 3), np.inf))
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("call", [brdfatlas.fit, lambda model, *rest, **named: brdfatlas.recommend(*rest, **named)])
 def test_seeds_that_are_none_are_refused_before_any_fit(call):
     for seed in (-1, 1.5, "1"):

@@ -217,11 +217,13 @@ def write_merl(
     """Write a (90, 90, 180, 3) table in 1/sr as a MERL file; NaN cells become the format's -1. Whole or not at all.
 
     ``standin`` marks the file as a stand-in, or made from one; ``reconstructed`` as no measurement, a fit for example.
-    Raises ValueError for a table of another shape.
+    Raises ValueError for a table of another shape, and for Inf, which :func:`read` refuses.
     """
     table = np.asarray(table)
     if table.shape != (*GRID_SHAPE, 3):
         raise ValueError(f"{path}: a MERL table has shape {(*GRID_SHAPE, 3)}, not {table.shape}")
+    if np.isinf(table).any():
+        raise ValueError(f"{path}: the table holds Inf; NaN is for cells without a value")
     stored = np.where(np.isnan(table), -1.0, table / SCALE)
     if standin or reconstructed:
         stored[-1, -1, -1, -1] = STANDIN_MARK if standin else RECONSTRUCTED_MARK
