@@ -103,7 +103,7 @@ class Fit:
             table = np.array(numbers(self.instance.evaluate_grid(self.parameters)), np.float32, copy=True)
             if table.shape != (*GRID_SHAPE, 3):
                 raise ValueError(f"evaluate_grid gives shape {table.shape}, not {(*GRID_SHAPE, 3)}")
-        table[~above_horizon()] = np.nan
+        np.copyto(table, np.nan, where=~above_horizon()[..., None])
         # phi_d -> -phi_d mirrors both directions at the plane of the half vector and the normal.
         return table if self.instance.reciprocal else np.concatenate([table, table[:, :, ::-1]], 2)
 

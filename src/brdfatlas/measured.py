@@ -198,7 +198,7 @@ def extend(table: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """
     if table.shape[2] == 2 * valid.shape[2]:
         valid = np.concatenate([valid, valid], 2)
-    return table.reshape(valid.size, -1)[extension_index(valid)].reshape(table.shape)
+    return np.take(table.reshape(valid.size, -1), extension_index(valid), axis=0).reshape(table.shape)
 
 
 @njit(cache=True, nogil=True)

@@ -44,6 +44,8 @@ RC = {
     "axes.spines.right": False,
     "font.size": 7.5,
     "axes.titlesize": 8,
+    # Matplotlib otherwise measures every tick's label for the height of a title.
+    "axes.titley": 1.0,
     "legend.fontsize": 7,
     "legend.frameon": False,
     "lines.linewidth": 1.3,

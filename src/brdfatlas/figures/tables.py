@@ -41,17 +41,18 @@ def table_file(folder: str | os.PathLike, model: str) -> Path:
 def small_table(full: np.ndarray) -> np.ndarray:
     """A table (90, 90, 180 or 360, 3) in 1/sr without NaN on the viewer's grid, (90, THETA_D, PHI_D or 2 PHI_D, 3)
     float32."""
-    half = full.shape[2] // 2
-    mirrored = (full[:, :, :half] + full[:, :, half:][:, :, ::-1]) / 2
-    blocks = mirrored.reshape(N_THETA_H, THETA_D, N_THETA_D // THETA_D, PHI_D * half * 2 // N_PHI_D, -1, 3)
-    return blocks.mean((2, 4), dtype=np.float32)
+    half = PHI_D * full.shape[2] // N_PHI_D
+    rows = full.reshape(N_THETA_H, THETA_D, N_THETA_D // THETA_D, -1, 3).mean(2, dtype=np.float32)
+    cells = rows.reshape(N_THETA_H, THETA_D, 2 * half, -1, 3).mean(3)
+    return (cells[:, :, :half] + cells[:, :, : half - 1 : -1]) / 2
 
 
 def encode_table(values: np.ndarray) -> bytes:
     """What :func:`small_table` gives, compressed."""
     steps = np.rint(STEPS * np.log2(np.maximum(values, FLOOR) / FLOOR)).astype(np.int16).transpose(3, 2, 1, 0)
     steps = np.diff(np.stack([steps[0], steps[1] - steps[0], steps[2] - steps[0]]), axis=-1, prepend=np.int16(0))
-    return zlib.compress(np.ascontiguousarray(steps, "<i2").tobytes(), 9)
+    # Level 9 takes six times as long for 5 % less.
+    return zlib.compress(np.ascontiguousarray(steps, "<i2").tobytes(), 7)
 
 
 def decode_table(content: bytes, cells: tuple[int, int, int]) -> np.ndarray:

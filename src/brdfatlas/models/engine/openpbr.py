@@ -53,13 +53,14 @@ def _missing(alpha, mu, eta, radial, angular, missing):
     sine = np.sqrt(1 - mu * mu)
     stretched = np.sqrt(alpha * alpha * (1 - mu * mu) + mu * mu)
     x, z = alpha * sine / stretched, mu / stretched
-    for a in range(radial):
-        radius = np.sqrt((a + 0.5) / radial)
-        for b in range(angular // 2):  # the other half is its mirror image in the plane of incidence
-            angle = np.pi * (2 * b + 1) / angular - 0.5 * np.pi
-            t1 = radius * np.cos(angle)
+    for b in range(angular // 2):  # the other half is its mirror image in the plane of incidence
+        angle = np.pi * (2 * b + 1) / angular - 0.5 * np.pi
+        across, along = np.cos(angle), np.sin(angle)
+        for a in range(radial):
+            radius = np.sqrt((a + 0.5) / radial)
+            t1 = radius * across
             share = 0.5 * (1 + z)
-            t2 = (1 - share) * np.sqrt(1 - t1 * t1) + share * radius * np.sin(angle)
+            t2 = (1 - share) * np.sqrt(1 - t1 * t1) + share * radius * along
             up = np.sqrt(max(1 - t1 * t1 - t2 * t2, 0.0))
             # tangents of the stretched view (x, 0, z): (0, 1, 0) and (-z, 0, x)
             hx, hy, hz = alpha * (up * x - t2 * z), alpha * t1, max(up * z + t2 * x, 0.0)
