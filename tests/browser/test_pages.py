@@ -318,8 +318,9 @@ def test_every_model_has_its_fit_and_parameters(tab, site):
         endings = fold.locator("xpath=..").locator(".links a").all_inner_texts()
         assert endings == ([] if model == "toy_03" else [".npz", ".json"])
         assert fold.locator("tbody tr").count() == 2, "kd and n"
-    page.locator("#snippet-model").select_option("toy_04")
-    assert "-toy_04.npz" in page.locator("#snippet-xml").inner_text()
+    page.locator("#snippet-model").select_option(label="Toy 4")
+    named = re.search(r'value="(.+)"', page.locator("#snippet-xml").inner_text())[1]
+    assert (site.reports / "materials/chrome/fits" / named).is_file(), "the snippet names a file that is there"
 
 
 def shown(page) -> str:

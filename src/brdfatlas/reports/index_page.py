@@ -10,6 +10,7 @@ import pandas as pd
 import yaml
 
 from brdfatlas.constants import REFERENCE_AGAIN
+from brdfatlas.export.targets import stem_of
 from brdfatlas.files import read_record, write_text
 from brdfatlas.measures.ranking import best_rows
 from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, PSNR, Measure, Summary, score_of
@@ -285,7 +286,7 @@ def atlas_script(
     ``values[measure]`` is flat: scene, then material, then model (models, then the reference with another seed last);
     ``best`` are the places of the best PSNRs (:func:`brdfatlas.measures.ranking.best_rows`); ``recommended[switches]``
     and ``of_class[switches]`` hold a list of models' places (-1: none) a budget, for each material and class;
-    ``folder`` is that of the material pages, below which the fits lie.
+    ``folder`` is that of the material pages, below which the fits lie; ``stems`` is how their names begin.
     """
     models = list(summary.models)
     names = [*models, REFERENCE_AGAIN]
@@ -323,6 +324,7 @@ def atlas_script(
         "recommended": recommended([[m.name] for m in materials]),
         "of_class": recommended([members[name] for name in classes]),
         "endings": kinds,
+        "stems": [[stem_of(m.name, model) for model in models] for m in materials],
         "files": [[kinds.index(tuple(found)) for found in row] for row in files],
         "seconds": [[rounded((m.fits.get(model) or {}).get("seconds")) for model in models] for m in materials],
         "bytes": [[m.stored_bytes(model) for model in models] for m in materials],

@@ -81,6 +81,7 @@ class Entry:
     brdf: dict[str, Any] | None
     reason: str = ""
     best: set[tuple[str, str]] = field(default_factory=set)
+    stem: str = ""
     files: list[tuple[str, str, str]] = field(default_factory=list)
     published: Mapping[str, float] = field(default_factory=dict)
     parameters: list[dict[str, Any]] = field(default_factory=list)
@@ -127,7 +128,8 @@ def write_material_page(
     summary = summarise_run([material], {name: model_facts(name) for name in models})
     entries = make_entries(material, summary, scenes, published)
     for entry in entries:
-        base = f"{quote(material.name)}/fits/{quote(stem_of(material.name, entry.name))}"
+        entry.stem = stem_of(material.name, entry.name)
+        base = f"{quote(material.name)}/fits/{quote(entry.stem)}"
         entry.files = [(end, f"{base}{end}", ENDINGS[end]) for end in files_of(pictures, entry.name)]
     write_thumbnail(pictures, scenes, models)
     place = list(materials).index(material.name)

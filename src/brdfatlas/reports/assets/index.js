@@ -64,7 +64,7 @@
     const model = A.models[k], de = value(j, k, "de00_mean", A.scenes.map((_, s) => s)), bytes = A.bytes[j][k], time = A.seconds[j][k];
     const endings = A.endings[A.files[j][k]], wanted = budget === "engine" ? endings.filter((e) => ENGINE.includes(e)) : endings.includes(".npz") ? [".npz"] : [];
     const links = node("span", { class: "links" });
-    for (const ending of wanted) links.append(node("a", { href: `${folder(j)}/fits/${url(A.materials[j].name)}-${url(model.name)}${ending}`, download: "", title: `Download ${model.title} for ${A.materials[j].title}` }, wanted.length > 1 || budget === "engine" ? ending : "download"));
+    for (const ending of wanted) links.append(node("a", { href: `${folder(j)}/fits/${url(A.stems[j][k])}${ending}`, download: "", title: `Download ${model.title} for ${A.materials[j].title}` }, wanted.length > 1 || budget === "engine" ? ending : "download"));
     links.append(node("a", { href: `compare.html#m=${url(A.materials[j].name)}&s=${url(A.scenes[0].name)}&b=${url(model.name)}` }, "compare"));
     return node("td", { "data-model": model.name },
       node("a", { href: `${folder(j)}.html#fit-${url(model.name)}`, class: "pick" }, node("img", { src: picture(j, model.name), width: 72, height: 72, loading: "lazy", decoding: "async", alt: "" }), node("strong", {}, model.title)),

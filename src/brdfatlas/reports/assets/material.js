@@ -15,7 +15,7 @@
   C.scatter($("pareto"), { points, front: D.front, xlabel: "bytes of one fit", ylabel: "ΔE00", label: "ΔE00 against bytes of one fit, one point per model", ylog: true });
 
   const select = $("snippet-model");
-  if (select) select.addEventListener("change", () => document.querySelectorAll(".snippets [data-model]").forEach((s) => { s.textContent = select.value; }));
+  if (select) select.addEventListener("change", () => document.querySelectorAll(".snippets [data-stem]").forEach((s) => { s.textContent = select.value; }));
 
   // --- the grid: one set of tiles, whose pictures change with kind and scene; best first by what the kind shows -------------
   const SHOWN = { render: ["de00_mean", "ΔE00", 2, 1], de00: ["de00_mean", "ΔE00", 2, 1], diff: ["psnr_db", "PSNR", 1, -1], flip: ["flip_mean", "FLIP", 3, 1] };
