@@ -95,9 +95,9 @@
   const overlaps = (a, b) => a.x < b.x + b.w && b.x < a.x + a.w && a.y < b.y + b.h && b.y < a.y + a.h;
   // A place for a label of width w beside (x, y): inside the box, clear of what is taken; null where there is none.
   function placeLabel(x, y, w, box, taken) {
-    const h = 14;
-    for (const far of [0, 12, 24, 38, 54]) {
-      const spots = [[x + 9, y - h / 2], [x - 9 - w, y - h / 2], [x - w / 2, y - h - 7], [x - w / 2, y + 8], [x + 9, y - h - 5], [x + 9, y + 5], [x - 9 - w, y - h - 5], [x - 9 - w, y + 5]];
+    const h = 15;
+    for (const far of [0, 12, 24]) { // farther away it would be taken for another's
+      const spots = [[x + 9, y - h / 2], [x - 9 - w, y - h / 2], [x - w / 2, y - h - 9], [x - w / 2, y + 9], [x + 9, y - h - 5], [x + 9, y + 5], [x - 9 - w, y - h - 5], [x - 9 - w, y + 5]];
       for (const [px, py] of spots.map(([a, b], i) => [a + (i % 2 ? -far / 2 : far / 2), b + ([2, 4, 6].includes(i) ? -far : [3, 5, 7].includes(i) ? far : 0)])) {
         const spot = { x: px, y: py, w, h };
         if (px >= box.left && px + w <= box.right && py >= box.top - 6 && py + h <= box.bottom && !taken.some((t) => overlaps(spot, t))) return spot;
@@ -116,7 +116,8 @@
       const { svg, sx, sy, box } = frame({ width, height, x: padded(good.map((p) => p.x), true), y: padded(good.map((p) => p.y), ylog), xkind: "log", ykind: ylog ? "log" : "", xlabel, ylabel, label });
       const line = front.map((name) => good.find((p) => p.name === name)).filter(Boolean);
       if (line.length > 1) svg.append(el("path", { class: "front", d: line.map((p, i) => (i ? `H${sx(p.x)}V${sy(p.y)}` : `M${sx(p.x)} ${sy(p.y)}`)).join("") }));
-      const taken = good.map((p) => ({ x: sx(p.x) - 6, y: sy(p.y) - 6, w: 12, h: 12 }));
+      const size = (p) => (front.includes(p.name) ? 5.5 : 4.5);
+      const taken = good.map((p) => { const half = 1.3 * size(p) + 1; return { x: sx(p.x) - half, y: sy(p.y) - half, w: 2 * half, h: 2 * half }; });
       const names = el("g", { "aria-hidden": "true" });
       for (const p of [...line].reverse()) {  // where there is no room for all, the closest are named
         const w = widthOf(p.title) + 2, spot = placeLabel(sx(p.x), sy(p.y), w, box, taken);
@@ -137,7 +138,7 @@
       const hide = () => tip.setAttribute("visibility", "hidden");
       for (const p of good) {
         const on = front.includes(p.name), link = el("a", { href: p.href, "aria-label": p.text, "data-model": p.name });
-        link.append(el("circle", { cx: sx(p.x), cy: sy(p.y), r: 11, fill: "transparent" }), marker(p.family, sx(p.x), sy(p.y), on ? 5.5 : 4.5, { class: "point", opacity: on ? 1 : 0.6 }));
+        link.append(el("circle", { cx: sx(p.x), cy: sy(p.y), r: 11, fill: "transparent" }), marker(p.family, sx(p.x), sy(p.y), size(p), { class: "point", opacity: on ? 1 : 0.6 }));
         for (const [event, act] of [["mouseenter", () => show(p)], ["focus", () => show(p)], ["mouseleave", hide], ["blur", hide]]) link.addEventListener(event, act);
         svg.append(link);
       }
