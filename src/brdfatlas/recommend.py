@@ -69,8 +69,9 @@ class Recommendation:
     tone: "Tone"
 
     def table(self) -> str:
-        """The rows as text, the winner marked."""
-        lines = [f"  {'model':18} {'dE00':>6} {'FLIP':>7} {'PSNR':>7} {'bytes':>9} {'seconds':>8}  exportable to"]
+        """The rows as text, the winner marked; the last column: formats that hold it exactly, which an engine loads
+        without our plugin."""
+        lines = [f"  {'model':18} {'dE00':>6} {'FLIP':>7} {'PSNR':>7} {'bytes':>9} {'seconds':>8}  without plugin"]
         for row in self.rows:
             mark = ">" if row is self.winner else " "
             if row.reason:
