@@ -9,12 +9,12 @@ from axe_playwright_python.sync_playwright import Axe
 
 from brdfatlas.angles import above_horizon, theta_d_centres, theta_h_centres
 from brdfatlas.figures.tables import decode_table, encode_table, small_table, table_file, write_table
-from brdfatlas.files import write_npz
+from brdfatlas.files import write_npz, write_text
 from brdfatlas.fits import Fit, load_fit
 from brdfatlas.measured import extend
 from brdfatlas.models import MODELS
 from brdfatlas.reports.data import SceneFacts
-from brdfatlas.reports.pages import write_assets
+from brdfatlas.reports.pages import as_script, write_assets
 from brdfatlas.reports.viewer import shrink_environment, write_viewer
 
 SIZE, FIELD, DISTANCE = 16, np.deg2rad(21), 6.0
@@ -41,6 +41,13 @@ def naive(width: float) -> dict[str, np.ndarray]:
     del made["g"]
     h = 0.7 + 0.3 * np.cos(2 * np.linspace(0, np.pi, 180, endpoint=False))
     return made | {"h": (np.ones((3, 1)) * h).astype(np.float32)}
+
+
+def write_recommended(reports, materials: list[str], models: list[str], chosen: list[int]) -> None:
+    """What the viewer reads of the index: the places of the models recommended for the materials, -1 for none."""
+    run = {"materials": [{"name": name} for name in materials], "models": [{"name": name} for name in models]}
+    run |= {"budgets": [{"key": "64"}, {"key": "any"}], "recommended": [[[-1, k] for k in chosen]]}
+    write_text(reports / "data/atlas.js", as_script("ATLAS", run))
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +96,7 @@ def viewer(tmp_path_factory):
         scenes=[(SceneFacts("room"), root / "scene.npz")],
     )
     assert counts == {"factors": 3, "tables": 2, "failed": 1}
+    write_recommended(reports, ["metal", "paint"], ["independent_g", "naive", "ggx"], [2, -1])
     return reports / "viewer.html", shrink_environment(environment), fits
 
 
@@ -208,6 +216,7 @@ def rendered(tmp_path_factory):
     scenes = [(SceneFacts("room"), root / "sphere.npz")]
     materials = {"metal": root / "metal.json"}
     page = reports / "viewer.html"
+    write_recommended(reports, ["metal"], ["independent_g"], [0])
     assert write_viewer(page, data=reports / "data", fits=fits, materials=materials, scenes=scenes)["factors"] == 2
     return page, pictures
 
@@ -303,6 +312,20 @@ def test_viewer_keeps_its_state(tab, viewer):
     page.goto(address)
     same()
     assert tab.faults == []
+
+
+def test_it_opens_on_the_recommended_model(tab, viewer):
+    """The model of any size that the run recommends; the first where it recommends none or another is asked for."""
+    path, _, _ = viewer
+    for fragment, expected in (
+        ("", "ggx"),
+        ("#m=paint", "independent_g"),
+        ("#m=metal", "ggx"),
+        ("#m=metal&b=naive", "naive"),
+    ):
+        page = tab.open(path, fragment)
+        page.reload()
+        assert page.locator("#model-b").input_value() == expected, fragment
 
 
 @pytest.mark.parametrize("full_circle", [False, True])

@@ -270,11 +270,16 @@ void main() {
   // --- state, in the address ---------------------------------------------------------------------------------------------
   const TONES = JSON.parse($("tones").textContent), P = window.AtlasPage;
   // Material and model of the left and of the right, environment, shape, divider, exposure, view, light.
-  const fresh = () => ({ m: D.materials[0].name, a: "reference", n: "", b: (D.models[1] || D.models[0]).name, s: environments[0].name, f: "sphere", w: 0.5, e: 0, x: 0, y: 0, t: 0 });
+  // The model that the run recommends for a material without a limit on size; without one, the first.
+  function recommended(material) {
+    const A = window.ATLAS, j = A.materials.findIndex((item) => item.name === material), k = A.recommended[0][j]?.[A.budgets.findIndex((item) => item.key === "any")];
+    return k >= 0 ? A.models[k].name : (D.models[1] || D.models[0]).name;
+  }
+  const fresh = (material = D.materials[0].name) => ({ m: material, a: "reference", n: "", b: recommended(material), s: environments[0].name, f: "sphere", w: 0.5, e: 0, x: 0, y: 0, t: 0 });
   let state = fresh();
   const LIMITS = { w: [0, 1], e: [-6, 6], y: [-1.5, 1.5], x: [-100, 100], t: [-100, 100] };
   function read() {
-    const next = fresh(), among = { m: D.materials, n: D.materials, a: D.models, b: D.models, s: environments, f: [{ name: "sphere" }, { name: "statue" }] };
+    const named = D.materials.find((item) => item.name === P.get("m")), next = fresh(named?.name), among = { m: D.materials, n: D.materials, a: D.models, b: D.models, s: environments, f: [{ name: "sphere" }, { name: "statue" }] };
     for (const [key, list] of Object.entries(among)) if (list.some((item) => item.name === P.get(key))) next[key] = P.get(key);
     for (const [key, [low, high]] of Object.entries(LIMITS)) { const v = Number(P.get(key, "x")); if (Number.isFinite(v)) next[key] = Math.min(Math.max(v, low), high); }
     state = next;
