@@ -597,6 +597,19 @@ def test_compare_saves_exr_and_magnifies(tab, site, tmp_path):
     assert tab.faults == []
 
 
+def test_compare_saves_what_it_shows(tab, site):
+    """As PNG where a page from a file may read its canvas; else it leads to the file of the map."""
+    page = tab.open(site.reports / "compare.html", "#m=pvc&s=grove&a=toy_01&b=toy_02&v=signed")
+    shown(page)
+    with page.expect_download() as waiting:
+        page.locator("#save").click()
+    assert waiting.value.suggested_filename == "pvc-grove-toy_02-signed.png"
+    page.locator("#a").select_option("reference")
+    shown(page)
+    page.locator("#save").click()
+    assert page.locator("#status a").get_attribute("href").endswith("materials/pvc/renders/grove/toy_02/diff.webp")
+
+
 def test_compare_says_why_a_picture_is_missing(tab, site):
     page = tab.open(site.reports / "compare.html", "#m=chrome&b=toy_03")
     page.wait_for_function("document.getElementById('message').textContent.includes('no finite fit')")

@@ -335,7 +335,10 @@
       link.href = canvas.toDataURL("image/png");
       link.download = `${state.m}-${state.s}-${state.b}-${state.v}.png`;
       link.click();
-    } catch { $("status").textContent = "The browser does not let a page from a file save this map; save the picture file instead."; }
+    } catch { // of a page from a file, a canvas that shows a picture file cannot be read
+      const file = Object.assign(document.createElement("a"), { href: mapOf(state.b).src, textContent: "the picture file" });
+      $("status").replaceChildren("The browser does not let a page from a file save this map; it is ", file, ".");
+    }
   });
   // Linear radiance as an OpenEXR file: one part, scan lines, float, not compressed.
   function exr({ width, height, rgb }) {
