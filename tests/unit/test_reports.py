@@ -511,3 +511,9 @@ def test_physics_of_a_fit_is_the_largest_albedo_and_none_where_it_was_not_checke
     nothing = dict.fromkeys(checks)
     assert physics_of(None) == physics_of({"status": "failed"}) == nothing
     assert physics_of({"physics": checks | {"max_albedo": [0.2, None, 0.1]}})["max_albedo"] is None, "NaN in JSON"
+
+
+def test_bounds_of_parameters_are_typeset():
+    texts = [item["range"] for item in model_facts("sgd").parameters]
+    assert "−100 … 100" in texts
+    assert not any("-" in text for text in texts), "a minus is no hyphen"

@@ -189,7 +189,7 @@ def _range(low: float, high: float) -> str:
         return "any"
     left = "−∞" if math.isinf(low) else f"{low:.4g}"
     right = "∞" if math.isinf(high) else f"{high:.4g}"
-    return f"{left} … {right}"
+    return f"{left} … {right}".replace("-", "−")
 
 
 def write_tsv(path: str | Path, frame: pd.DataFrame) -> None:
