@@ -363,6 +363,9 @@ def test_every_model_has_its_fit_and_parameters(tab, site):
     page.locator("#snippet-model").select_option(label="Toy 4")
     named = re.search(r'value="(.+)"', page.locator("#snippet-xml").inner_text())[1]
     assert (site.reports / "materials/chrome/fits" / named).is_file(), "the snippet names a file that is there"
+    page = tab.open(site.reports / "materials/chrome.html", "#fit-toy_02")
+    page.reload()
+    assert "-toy_02.npz" in page.locator("#snippet-xml").inner_text(), "who comes for a fit finds its snippet"
 
 
 def shown(page) -> str:

@@ -15,7 +15,14 @@
   C.scatter($("pareto"), { points, front: D.front, xlabel: "bytes of one fit", ylabel: "ΔE00", label: "ΔE00 against bytes of one fit, one point per model", ylog: true });
 
   const select = $("snippet-model");
-  if (select) select.addEventListener("change", () => document.querySelectorAll(".snippets [data-stem]").forEach((s) => { s.textContent = select.value; }));
+  if (select) {
+    const fill = () => document.querySelectorAll(".snippets [data-stem]").forEach((s) => { s.textContent = select.value; });
+    // Who comes for one fit, from the index say, finds the snippets of that one.
+    const follow = () => { const asked = [...select.options].find((o) => `fit-${o.dataset.model}` === decodeURIComponent(location.hash.slice(1))); if (asked) { select.value = asked.value; fill(); } };
+    select.addEventListener("change", fill);
+    window.addEventListener("hashchange", follow);
+    follow();
+  }
 
   // --- the grid: one set of tiles, whose pictures change with kind and scene; best first by what the kind shows -------------
   const SHOWN = { render: ["de00_mean", "ΔE00", 2, 1], de00: ["de00_mean", "ΔE00", 2, 1], diff: ["psnr_db", "PSNR", 1, -1], flip: ["flip_mean", "FLIP", 3, 1] };
