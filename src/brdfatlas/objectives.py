@@ -179,9 +179,11 @@ def _deviation(a, b, weights, cosines, logarithmic, squared):
             cosine, part = np.float64(cosines[i]), 0.0
             for c in range(3):
                 x, y = a[i, c] * cosine, b[i, c] * cosine
-                if logarithmic:
-                    x, y = np.log1p(max(x, 0.0)), np.log1p(max(y, 0.0))
-                part += (x - y) ** 2 if squared else abs(x - y)
+                d = abs(x - y)
+                if logarithmic:  # one logarithm, of (1 + x) / (1 + y) with x the larger
+                    x, y = max(x, 0.0), max(y, 0.0)
+                    d = np.log1p(abs(x - y) / (1 + min(x, y)))
+                part += d * d if squared else d
             total += weights[i] * part
     return total
 
