@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon
-from brdfatlas.figures.factors import compressed, plot_convergence, plot_slices, plot_weights
+from brdfatlas.figures.factors import compressed, plot_convergence, plot_slices, plot_weights, slice_of
 from brdfatlas.figures.functions import plot_functions
 from brdfatlas.fits import Fit
 from brdfatlas.measured import Measured
@@ -42,7 +42,7 @@ def test_factor_curves(tmp_path):
 
 @pytest.mark.parametrize("ending", ["svg", "png", "webp"])
 def test_slices_and_weights(ending, measured, tmp_path):
-    plot_slices(measured, {"naive": random_fit("naive")}, tmp_path / f"slices.{ending}", title="m")
+    plot_slices(measured, {"naive": slice_of(random_fit("naive").table())}, tmp_path / f"slices.{ending}", title="m")
     plot_weights(measured, tmp_path / f"weights.{ending}")
     assert all((tmp_path / f"{name}.{ending}").stat().st_size > 2000 for name in ("slices", "weights"))
 

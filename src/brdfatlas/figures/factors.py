@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 
 from brdfatlas.angles import N_PHI_D, grid_cosines
 from brdfatlas.figures import style
-from brdfatlas.fits import Fit
 from brdfatlas.measured import Measured
 from brdfatlas.objectives import compressive_weight, importance_weight, weighted_median
 
@@ -25,27 +24,35 @@ def compressed(values: np.ndarray, median: float) -> np.ndarray:
     return -np.expm1(-np.log(2) * np.maximum(values, 0) / max(median, 1e-300))
 
 
+#: phi_d of the slices, degrees.
+SLICE = 90.0
+
+
+def slice_of(table: np.ndarray) -> np.ndarray:
+    """The cells (90, 90, 3) of a table (90, 90, 180 or 360, 3) at phi_d = SLICE; a copy, so that the table can go."""
+    return table[:, :, int(SLICE / 180 * N_PHI_D)].copy()
+
+
 def plot_slices(
-    measured: Measured, fits: Mapping[str, Fit], path: str | os.PathLike, *, phi_d: float = 90.0, title: str = ""
+    measured: Measured, slices: Mapping[str, np.ndarray], path: str | os.PathLike, *, title: str = ""
 ) -> None:
-    """The slice at ``phi_d`` degrees of the reference and of each fit, under the compressive tone map (Fig. 5).
+    """:func:`slice_of` of the reference and of each fit, under the compressive tone map (Fig. 5).
 
     theta_h to the right on the root scale of the grid, theta_d upwards. The tone map's median is the reference's in
     each channel. Grey where nothing was measured.
     """
-    index = min(int(phi_d / 180 * N_PHI_D), N_PHI_D - 1)
     importance = importance_weight(measured.valid)
     if not importance.any():
         importance = measured.valid.astype(float)
     medians = [weighted_median(measured.table[..., c], importance) for c in range(3)]
-    valid = measured.valid[:, :, index]
-    pictures = {"reference (stand-in)" if measured.standin else "reference": measured.table}
-    pictures |= {name: fit.table() for name, fit in fits.items()}
+    valid = slice_of(measured.valid)
+    pictures = {"reference (stand-in)" if measured.standin else "reference": slice_of(measured.table)}
+    pictures |= slices
     with style.paper():
         size = (1.75 * len(pictures) + 0.6, 2.5)
         figure, axes = style.panels(1, len(pictures), size, top=0.7 if title else 0.45, gaps=(0.15, 0), shared=True)
         for axis, (name, table) in zip(axes[0], pictures.items()):
-            picture = np.stack([compressed(table[:, :, index, c], medians[c]) for c in range(3)], -1)
+            picture = np.stack([compressed(table[..., c], medians[c]) for c in range(3)], -1)
             picture = np.where(valid[..., None], picture, NO_DATA)
             axis.imshow(
                 np.clip(np.swapaxes(picture, 0, 1), 0, 1), origin="lower", extent=(0, 90, 0, 90), aspect="equal",

@@ -11,7 +11,7 @@ import numpy as np
 
 from brdfatlas.constants import REFERENCE
 from brdfatlas.figures.curves import function_curves, plot_curves
-from brdfatlas.figures.factors import plot_convergence, plot_slices, plot_weights
+from brdfatlas.figures.factors import plot_convergence, plot_slices, plot_weights, slice_of
 from brdfatlas.figures.functions import plot_functions
 from brdfatlas.figures.lobes import lobe_curves, plot_lobes
 from brdfatlas.figures.samples import plot_samples
@@ -62,10 +62,12 @@ def figures_job(
     folder = Path(folder)
     measured, loaded, titles = read(binary), load_fits(models, fits), titles_of(models)
     factors = {name: fit.factors() for name, fit in loaded.items()}
-    drawn = set()
+    drawn, slices = set(), {}
 
     def written(name: str, table: np.ndarray) -> np.ndarray:
         """The table extended, and written for the viewer if that has no factors to show the model by."""
+        if factors.get(name) is not None:
+            slices[titles[name]] = slice_of(table)
         full = extend(np.nan_to_num(table), measured.valid)
         if not has_few_products(factors.get(name)):
             path = table_file(folder, name)
@@ -88,9 +90,8 @@ def figures_job(
         drawn.add("functions.svg")
     if plot_samples(measured, folder / "samples.svg"):
         drawn.add("samples.svg")
-    factored = {titles[name]: fit for name, fit in loaded.items() if factors[name] is not None}
-    if factored:
-        plot_slices(measured, factored, folder / "slices.webp")
+    if slices:
+        plot_slices(measured, slices, folder / "slices.webp")
         plot_weights(measured, folder / "weights.svg")
         drawn |= {"slices.webp", "weights.svg"}
     for name, fit in loaded.items():
