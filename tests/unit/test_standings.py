@@ -80,6 +80,14 @@ def test_duels_are_antisymmetric(errors):
     )
 
 
+def test_one_material_gives_no_spread_to_call_a_difference_insignificant_by(errors):
+    one = errors[errors["material"] == errors["material"].iloc[0]]
+    duels = duel_rows(tables.count_wins(one, CLASSES, MODELS, measure="psnr_db"), MODELS, "psnr_db")
+    found = [cell for _, cells in duels["rows"] for cell in cells if cell and cell["difference"] != 0]
+    assert found
+    assert all(np.isnan(cell["error"]) and cell["apart"] for cell in found)
+
+
 def test_a_model_that_lost_a_picture_is_never_marked_best():
     """gaussian has the highest mean, over the easier material alone."""
     errors = made_up({"tabulated": (40.0, 50.0), "ggx": (45.0, 49.0), "gaussian": (60.0, np.nan)})

@@ -173,7 +173,7 @@ def class_rows(summary: pd.DataFrame, models: Sequence[str]) -> list[dict[str, A
 def duel_rows(wins: pd.DataFrame, models: Sequence[str], measure: str = LEADING) -> dict[str, Any]:
     """Every model against every other over all materials in a measure: {"names": [...], "rows": [(name, cells)]}; a
     cell is None on the diagonal, else wins, ties, losses, their balance in [-1, 1], the mean difference, its standard
-    error over materials and whether the difference from 0 is significant by it."""
+    error over materials (NaN for one material) and whether the difference is not within that error of 0."""
     found = wins[(wins["class"] == "all") & (wins["measure"] == measure)].set_index(["model", "other"])
     names = clustered(found, [name for name in models if name in found.index.get_level_values(0)])
     rows = []
@@ -187,7 +187,7 @@ def duel_rows(wins: pd.DataFrame, models: Sequence[str], measure: str = LEADING)
             cell: dict[str, Any] = {key: int(row[key]) for key in ("count", "wins", "ties", "losses")}
             balance = (cell["wins"] - cell["losses"]) / max(cell["count"], 1)
             difference, error = float(row["mean_difference"]), float(row["se_difference"])
-            apart = math.isinf(difference) or abs(difference) > SIGNIFICANT * error
+            apart = math.isinf(difference) or not abs(difference) <= SIGNIFICANT * error
             cells.append(cell | {"balance": balance, "difference": difference, "error": error, "apart": apart})
         rows.append((model, cells))
     return {"names": names, "rows": rows}
