@@ -15,6 +15,7 @@ from brdfatlas.figures.lobes import lobe, lobe_curves, outgoing_angles, plot_lob
 from brdfatlas.figures.summary import mean_errors, plot_summary
 from brdfatlas.fits import Fit
 from brdfatlas.measured import extend
+from brdfatlas.models import MODELS
 
 
 def ggx_table(alpha: float = 0.2) -> np.ndarray:
@@ -126,6 +127,16 @@ def test_equal_data_give_equal_files_and_formats_follow_the_ending(tmp_path):
         assert b"<dc:date>" not in first
         ElementTree.fromstring(first)
         assert (tmp_path / f"{kind}1.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_lobes_bear_the_whole_title_of_every_model(tmp_path):
+    """What tells two titles apart may be their last word."""
+    lobes = lobe_curves(np.ones((*GRID_SHAPE, 3)), [])
+    titles = {name: MODELS[name].title for name in MODELS}
+    plot_lobes(lobes | {"models": dict.fromkeys(titles, lobes["reference"])}, titles, tmp_path / "lobes.svg")
+    nodes = ElementTree.parse(tmp_path / "lobes.svg").iter()
+    shown = " ".join("".join(node.itertext()).strip() for node in nodes if node.tag.endswith("text"))
+    assert [title for title in titles.values() if title not in shown] == []
 
 
 def test_lines_of_a_compact_svg_stay_within_a_twentieth_of_a_point():

@@ -15,6 +15,8 @@ from brdfatlas.measured import look_up
 
 #: incidence angles, degrees
 INCIDENCE = (15, 40, 65)
+#: Characters of a line of a plot's title.
+TITLE = 28
 
 
 def lobe(table: np.ndarray, theta_i: float, theta_o: np.ndarray) -> np.ndarray:
@@ -71,15 +73,16 @@ def plot_lobes(
     columns = min(columns, len(models))
     rows = -(-len(models) // columns)
     with style.paper():
-        size = (style.PAGE, 1.12 * rows + 0.6)
-        figure, axes = style.panels(rows, columns, size, top=0.5, left=0.6, gaps=(0.08, 0.22), shared=True)
+        size = (style.PAGE, 1.12 * rows + 0.66)
+        figure, axes = style.panels(rows, columns, size, top=0.56, left=0.6, gaps=(0.08, 0.22), shared=True)
         for axis, (name, lobes) in zip(axes.flat, models.items()):
             for n, (degrees, expected, fitted) in enumerate(zip(outgoing, measured, lobes)):
                 colour = style.COLOURS[n]
                 outline = [low, *np.maximum(expected, low), low]
                 axis.fill([degrees[0], *degrees, degrees[-1]], outline, color=colour, alpha=0.22, linewidth=0)
                 axis.plot(degrees, np.maximum(np.array(fitted, float), low * 1e-3), color=colour, linewidth=0.9)
-            axis.set_title(textwrap.shorten(titles.get(name, name), 28, placeholder="…"), fontsize=6.3, pad=2)
+            lines = textwrap.wrap(titles.get(name, name), TITLE, max_lines=2, placeholder="…")
+            axis.set_title("\n".join(lines), fontsize=6.3 if len(lines) == 1 else 5.4, linespacing=1.0, pad=2)
             axis.set(xlim=(-90, 90), xticks=[-60, 0, 60])
         style.log_axis(axes[0, 0], low, 4 * top)
         for axis in axes.flat[len(models) :]:

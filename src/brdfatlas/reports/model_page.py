@@ -53,7 +53,9 @@ def write_model_page(
     rows = [material_row(material, model, summary, scenes) for material in run if model not in material.absent]
     write_model_tables(data / "models" / model, model, run)
     ranked = sorted((row for row in rows if row["rank"]), key=lambda row: row["scores"][LEADING.key].mean)
-    ends = [("Best", ranked[0]), ("Worst", ranked[-1])] if len(ranked) > 1 else [("Only", ranked[0])] if ranked else []
+    ends = [("Material", row) for row in ranked]
+    if len(ranked) > 1:
+        ends = [("Best", ranked[0]), ("Worst", ranked[-1])]
     shown = []
     for kind, row in ends:
         folder = Path(pictures) / row["material"]
