@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -62,18 +62,6 @@ def emit(text: str, *, flush: bool = False) -> None:
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise OSError(error.errno, error.strerror, "standard output") from None
-
-
-@contextlib.contextmanager
-def libraries_on_stderr() -> Iterator[None]:
-    """What libraries print of a damaged file, as OpenEXR does, goes to standard error: it is no part of a result."""
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
 
 
 def load(path: str, source: str | None = None) -> Measured | Fit:
@@ -416,7 +404,7 @@ def render_command(args: argparse.Namespace) -> dict[str, Any]:
 
     check_output(args.named, "picture", scene_files(args.scene, args.scenes), force=True)
     item = load(args.file, args.source)
-    with libraries_on_stderr():
+    with contextlib.redirect_stdout(sys.stderr):  # OpenEXR prints of a damaged file
         render = render_file(
             item,
             args.scene,
@@ -463,7 +451,7 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
     """Errors of an image against a reference: renders of ours by their batches and mask, other EXRs as they are."""
     from brdfatlas.measures.errors import Tone, image_errors
 
-    with libraries_on_stderr():
+    with contextlib.redirect_stdout(sys.stderr):  # OpenEXR prints of a damaged file
         reference, image = load_image(args.reference), load_image(args.image)
     scenes = [render.meta.get("scene") for render in (reference, image)]
     if None not in scenes and scenes[0] != scenes[1]:

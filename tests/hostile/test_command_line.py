@@ -132,7 +132,7 @@ def test_an_uber_texture_names_the_models_that_it_holds(refused, linked, inputs)
 
 
 def test_what_a_library_prints_of_a_damaged_picture_is_no_part_of_the_result(inputs, tmp_path):
-    """OpenEXR writes to the stream itself, past Python's."""
+    """OpenEXR prints of what it cannot read."""
     data = (inputs / "picture.exr").read_bytes()
     (tmp_path / "picture.exr").write_bytes(data)
     (tmp_path / "bad.exr").write_bytes(data[: len(data) // 2] + bytes(40) + data[len(data) // 2 + 40 :])
