@@ -18,7 +18,7 @@ from brdfatlas.models.factorised.half_outgoing import (
 )
 from brdfatlas.models.factorised.lawrence import highlight_class
 from brdfatlas.objectives import log_deviation
-from brdfatlas.solvers.nmf import Factors, Samples, evaluate_samples, factorize
+from brdfatlas.solvers.nmf import Factors, Samples, factorize
 from brdfatlas.solvers.tensor import bilinear_rows, residual_terms, sum_terms
 
 NAMES = ("lawrence", "tucker")
@@ -43,6 +43,20 @@ def plastic(alpha: float = 0.1) -> np.ndarray:
     with np.errstate(all="ignore"):
         lobe = d * schlick / (4 * np.maximum(cos_i, cos_o) * np.cos(theta_d))
     return np.array([0.15, 0.05, 0.02]) + np.where(above_horizon(), lobe, 0)[..., None]
+
+
+def evaluate_samples(factors: Factors, samples: Samples) -> np.ndarray:
+    """The factorization at the samples, (rows, samples, 3)."""
+    inner = factors.u.shape[1] // factors.f.shape[2]
+
+    def blend(array: np.ndarray, position: np.ndarray) -> np.ndarray:
+        low = np.minimum(position.astype(int), len(array) - 2)
+        t = (position - low).reshape(position.shape + (1,) * (array.ndim - 1))
+        return (1 - t) * array[low] + t * array[low + 1]
+
+    terms = factors.u[:, None, :] * blend(factors.v, samples.v_position)
+    terms = terms.reshape(*terms.shape[:2], -1, inner).sum(-1)
+    return np.einsum("hsj,hscj->hsc", terms, blend(factors.f, samples.f_position))
 
 
 @pytest.fixture(scope="module")

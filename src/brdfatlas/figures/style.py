@@ -23,7 +23,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6
 LINES = ("-", "--", ":", "-.")
 #: red, green and blue that also differ in lightness
 RGB = ("#D55E00", "#009E73", "#0072B2")
-INK, PALE = "#222222", "#D9D9D9"
+INK = "#222222"
 #: A logarithmic axis of an NDF begins at this share of its top: six decades hold all that is seen of a highlight.
 LEAST = 1e-6
 #: Width of a figure that fills a page of the PDF, inches: drawn at the size it is set at, so that type keeps its size.

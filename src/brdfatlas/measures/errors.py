@@ -88,12 +88,6 @@ def to_8_bit(display: np.ndarray) -> np.ndarray:
     return np.rint(np.clip(display, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
-def srgb_encode(linear: np.ndarray) -> np.ndarray:
-    """The sRGB transfer curve (IEC 61966-2-1) on values in [0, 1], of any shape."""
-    low = linear <= 0.0031308
-    return np.where(low, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
-
-
 def psnr(peak: float, mean_squared: float) -> float:
     """10 log10(peak^2 / MSE) in dB; +inf for MSE = 0."""
     return float("inf") if mean_squared == 0 else float(10 * np.log10(peak**2 / mean_squared))

@@ -6,7 +6,9 @@ direct illumination the picture is a sum of what camera rays find on the materia
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -95,7 +97,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class PreparedScene:
-    """A scene ready for every material.
+    """A scene ready for every material. Its ``definition`` is in a common unit of length (:func:`in_common_unit`).
 
     ``background``: (size, size, 3) float32, the radiance that arrives past the material, means over all camera rays of
     a pixel. ``coverage``: (size, size) float32, the share of camera rays that find the material. ``environment``:
@@ -152,6 +154,20 @@ def sobol_points(count: int, known: np.ndarray | None = None) -> np.ndarray:
 
     points = qmc.Sobol(DIMENSIONS, scramble=False, bits=32).random_base2(max(count - 1, 0).bit_length())[:count]
     return (points * 2.0**32).astype(np.uint64).astype(np.uint32)
+
+
+def in_common_unit(definition: Mapping[str, Any]) -> dict[str, Any]:
+    """A scene's definition with its lengths multiplied by the power of two that puts the camera 4 to 8 units from its
+    target. Shadow rays of Mitsuba start a fixed distance off a surface, and its camera clips at fixed distances; a
+    power of two rounds nothing."""
+    scene = deepcopy(dict(definition))
+    camera = scene["camera"]
+    factor = 2.0 ** (2 - math.floor(math.log2(math.dist(camera["target"], camera["origin"]))))
+    for holder, key in [(camera, "origin"), (camera, "target"), *((shape, "position") for shape in scene["geometry"])]:
+        holder[key] = [factor * x for x in holder[key]]
+    for shape in scene["geometry"]:
+        shape["size"] *= factor
+    return scene
 
 
 def load_scene(path: str | Path) -> PreparedScene:
@@ -223,14 +239,12 @@ def mitsuba_scene(
         "component_format": "float32",
         "filter": {"type": "box"},
     }
-    # Mitsuba's own clipping distances are 0.01 and 10000: too few for a scene in other units of length.
-    distance = float(np.linalg.norm(np.subtract(camera["target"], camera["origin"])))
-    clip = {"near_clip": min(1e-2, 1e-3 * distance), "far_clip": max(1e4, 1e3 * distance)}
+    near = 1e-3 * math.dist(camera["target"], camera["origin"])
     view = transform().look_at(origin=camera["origin"], target=camera["target"], up=[0, 1, 0])
     result = {
         "type": "scene",
         "integrator": integrator or {"type": "direct"},
-        "sensor": {"type": "perspective", "fov": camera["fov"], "to_world": view, "film": film} | clip,
+        "sensor": {"type": "perspective", "fov": camera["fov"], "near_clip": near, "to_world": view, "film": film},
         "light": {"type": "envmap", "bitmap": mi.Bitmap(scene.environment)},
     }
     material = mi.load_dict(material) if isinstance(material, dict) else material
@@ -276,6 +290,7 @@ def prepare_scene(
 
     check_settings(size, samples, 1)
     where = f"{source}: {name}"
+    scene = in_common_unit(scene)
     meshes, notes = load_meshes(scene, where)
     environment = _environment(scene, where)
     black, empty = np.zeros((size, size, 3), np.float32), np.zeros((size, size), np.float32)

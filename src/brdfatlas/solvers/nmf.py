@@ -218,17 +218,3 @@ def factorize(
         if len(history) > 1 and history[-2] - history[-1] <= tolerance * history[-2]:
             return factors, history, True
     return factors, history, False
-
-
-def evaluate_samples(factors: Factors, samples: Samples) -> np.ndarray:
-    """The factorization at the samples, (rows, samples, 3)."""
-    inner = factors.u.shape[1] // factors.f.shape[2]
-
-    def blend(array: np.ndarray, position: np.ndarray) -> np.ndarray:
-        low = np.minimum(position.astype(int), len(array) - 2)
-        t = (position - low).reshape(position.shape + (1,) * (array.ndim - 1))
-        return (1 - t) * array[low] + t * array[low + 1]
-
-    terms = factors.u[:, None, :] * blend(factors.v, samples.v_position)
-    terms = terms.reshape(*terms.shape[:2], -1, inner).sum(-1)
-    return np.einsum("hsj,hscj->hsc", terms, blend(factors.f, samples.f_position))
