@@ -93,15 +93,29 @@
     return d ? el("path", { d, fill, ...attributes }) : el("circle", { cx: x, cy: y, r, fill, ...attributes });
   }
   const overlaps = (a, b) => a.x < b.x + b.w && b.x < a.x + a.w && a.y < b.y + b.h && b.y < a.y + a.h;
-  // A place for a label of width w beside (x, y): inside the box, clear of what is taken; null where there is none.
+  // A place for a label of width w: beside (x, y), else the nearest that is free, with a line from the point to it that
+  // crosses nothing; null where there is none. Inside the box, clear of what is taken, to which it is added.
   function placeLabel(x, y, w, box, taken) {
-    const h = 15;
-    for (const far of [0, 12, 24]) { // farther away it would be taken for another's
-      const spots = [[x + 9, y - h / 2], [x - 9 - w, y - h / 2], [x - w / 2, y - h - 9], [x - w / 2, y + 9], [x + 9, y - h - 5], [x + 9, y + 5], [x - 9 - w, y - h - 5], [x - 9 - w, y + 5]];
-      for (const [px, py] of spots.map(([a, b], i) => [a + (i % 2 ? -far / 2 : far / 2), b + ([2, 4, 6].includes(i) ? -far : [3, 5, 7].includes(i) ? far : 0)])) {
-        const spot = { x: px, y: py, w, h };
-        if (px >= box.left && px + w <= box.right && py >= box.top - 6 && py + h <= box.bottom && !taken.some((t) => overlaps(spot, t))) return spot;
+    const h = 15, top = box.top - 6;
+    const room = (a) => ({ x: a.x - 5, y: a.y, w: a.w + 10, h: a.h });
+    const free = (a) => !taken.some((t) => overlaps(a, t));
+    const inside = (a) => a.x >= box.left && a.x + w <= box.right && a.y >= top && a.y + h <= box.bottom;
+    const beside = [[9, -h / 2], [-9 - w, -h / 2], [-w / 2, -h - 9], [-w / 2, 9], [9, -h - 5], [9, 5], [-9 - w, -h - 5], [-9 - w, 5]];
+    const near = beside.map(([a, b]) => ({ x: x + a, y: y + b, w, h })).find((a) => inside(a) && free(a));
+    if (near) { taken.push(room(near)); return near; }
+    const away = [], own = taken.filter((t) => overlaps(t, { x: x - 4, y: y - 4, w: 8, h: 8 }));
+    const others = taken.filter((t) => !own.includes(t)), clear = (a) => !others.some((t) => overlaps(a, t));
+    for (let py = top; py + h <= box.bottom; py += 5) {
+      for (let px = box.left; px + w <= box.right; px += 10) {
+        const end = [Math.min(Math.max(x, px + 4), px + w - 4), Math.min(Math.max(y, py), py + h)];
+        const line = [x, y, ...end], far = Math.hypot(end[0] - x, end[1] - y);
+        if (far > 9) away.push({ x: px, y: py, w, h, line, far });
       }
+    }
+    for (const spot of away.sort((a, b) => a.far - b.far)) {
+      const steps = Math.ceil(spot.far / 3), [, , ex, ey] = spot.line;
+      const dots = Array.from({ length: steps }, (_, k) => ({ x: x + (ex - x) * (k + 1) / steps - 1, y: y + (ey - y) * (k + 1) / steps - 1, w: 2, h: 2 }));
+      if (free(spot) && dots.every(clear)) { taken.push(room(spot), ...dots); return spot; } // it may leave through what lies on its point
     }
     return null;
   }
@@ -122,7 +136,7 @@
       for (const p of [...line].reverse()) {  // where there is no room for all, the closest are named
         const w = widthOf(p.title) + 2, spot = placeLabel(sx(p.x), sy(p.y), w, box, taken);
         if (!spot) continue;
-        taken.push(spot);
+        if (spot.line) { const [x1, y1, x2, y2] = spot.line; names.append(el("line", { class: "leader", x1, y1, x2, y2 })); }
         names.append(el("text", { class: "name", x: spot.x, y: spot.y + 11 }, p.title));
       }
       svg.append(names);
