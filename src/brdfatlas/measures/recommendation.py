@@ -67,8 +67,8 @@ def choose(
 
     ``budget``: at most so many bytes. ``target``: exportable to it, exactly. ``reciprocal``: reciprocal models only.
     ``published``: no model of ours (a reconstruction of a published one counts as published). ``energy``: albedo known
-    and at most :data:`MAX_ALBEDO`. Of candidates within :data:`SAME_DE00` of the best the smallest is taken, then the
-    one that was fitted fastest, then the first by name: the order of ``rows`` does not matter.
+    and at most :data:`MAX_ALBEDO`. Of candidates within :data:`SAME_DE00` of the best the smallest is taken, then
+    the first by name: neither the order of ``rows`` nor the seconds, which no run repeats, decide.
     """
     conditions = {"budget": budget, "target": target, "reciprocal": reciprocal, "published": published}
     kept = [row for row in rows if np.isfinite(row.de00) and allowed(row, **conditions)]  # type: ignore[arg-type]
@@ -77,4 +77,4 @@ def choose(
         return None
     best = min(row.de00 for row in kept)
     close = [row for row in kept if row.de00 <= best + SAME_DE00]
-    return min(close, key=lambda row: (row.bytes, np.nan_to_num(row.seconds, nan=np.inf), row.model))
+    return min(close, key=lambda row: (row.bytes, row.model))
