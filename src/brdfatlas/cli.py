@@ -18,7 +18,7 @@ import numpy as np
 import brdfatlas
 from brdfatlas import interrupts
 from brdfatlas.angles import above_horizon
-from brdfatlas.files import ENDINGS, FileFault, check_output, check_regular, digits, plain, shown
+from brdfatlas.files import ENDINGS, FileFault, check_output, check_regular, digits, json_of, plain, shown
 from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
 from brdfatlas.formats.merl import write_merl
 from brdfatlas.formats.reader import read
@@ -137,13 +137,13 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
 def info_command(args: argparse.Namespace) -> dict[str, Any]:
     """What a measured file or a fit (.npz or JSON) holds: valid cells, range, albedo; model, parameters. Or what is
     wrong with it."""
-    from brdfatlas.export.fit_json import import_json, is_fit_json
+    from brdfatlas.export.fit_json import import_json
     from brdfatlas.pipeline.records import describe_material
 
     check_input(args.file)
     if is_fit_file(args.file):
         return fit_info(args, load_fit(args.file, args.source))
-    if os.path.exists(args.file) and is_fit_json(args.file):
+    if os.path.exists(args.file) and json_of(args.file) == "fit":
         return fit_info(args, import_json(args.file, args.source))
     described = describe_material(read_aloud(args.file))
     if not args.json:

@@ -33,6 +33,8 @@ ENDINGS = {
 _OTHER_ENDINGS = (".astm", ".bsdf", ".csv", ".glb", ".hdr", ".html", ".jpeg", ".jpg", ".md", ".npy", ".obj", ".pdf")
 _OTHER_ENDINGS += (".pfm", ".ply", ".py", ".rgbe", ".toml", ".tsv", ".txt", ".webp", ".yaml", ".yml", ".zip")
 _COMMENTS = rb"(\s*<!--((?!-->).)*-->)*?\s*<!-- written by: brdfatlas "
+#: Bytes from which our marks are told.
+_HEAD_BYTES = 4096
 #: How a file begins that we wrote, by its ending.
 _MARKS = {
     ".exr": rb"v/1\x01.*?brdfatlas:\w+\0string\0",
@@ -145,7 +147,7 @@ def ours(path: str | os.PathLike, kind: str) -> bool:
     other may be a measurement.
     """
     with open(path, "rb") as handle:
-        head = handle.read(4096)
+        head = handle.read(_HEAD_BYTES)
         if not head:
             return True
         if kind == "fit":
@@ -154,6 +156,13 @@ def ours(path: str | os.PathLike, kind: str) -> bool:
             handle.seek(-8, os.SEEK_END)
             return float(np.frombuffer(handle.read(), "<f8")[0]) in (-5.0, -6.0)
     return any(re.match(_MARKS[ending], head, re.DOTALL) for ending in ENDINGS[kind] if ending in _MARKS)
+
+
+def json_of(path: str | os.PathLike) -> str:
+    """What a regular file holds that is a JSON of ours: "fit", "sampler" or "recommendation"; "" for any other."""
+    with open(path, "rb") as handle:
+        found = re.match(_MARKS[".json"], handle.read(_HEAD_BYTES))
+    return found[1].decode("ascii") if found else ""
 
 
 def _is_fit(handle: BinaryIO) -> bool:

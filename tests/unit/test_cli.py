@@ -8,6 +8,8 @@ import pytest
 import brdfatlas
 from brdfatlas import read_merl
 from brdfatlas.cli import main, parse_options
+from brdfatlas.export.fit_json import export_json
+from brdfatlas.files import ours
 from brdfatlas.fits import Fit
 from brdfatlas.formats.merl import write_merl
 
@@ -60,6 +62,18 @@ def test_a_fit_is_a_fit_under_any_name_and_tells_of_its_standin(capsys, material
     assert read_merl(material).standin
     assert brdfatlas.load_fit(fitted).standin
     assert run_json(capsys, "info", tmp_path / "ggx.binary")["standin"]
+
+
+def test_a_json_that_counts_as_ours_is_told_to_be_a_fit(capsys, tmp_path):
+    """Both by one mark, however far an editor has spread the lines."""
+    made = brdfatlas.MODELS["ward"]
+    parameters = {p.name: np.full(p.shape, 0.5, p.dtype) for p in made.parameters}
+    export_json(Fit("ward", "felt", parameters, made.check_options({})), tmp_path / "fit.json")
+    spread = tmp_path / "spread.json"
+    spread.write_text((tmp_path / "fit.json").read_text().replace("\n", "\n" * 100))
+    for path in (tmp_path / "fit.json", spread):
+        assert ours(path, "JSON")
+        assert run_json(capsys, "info", path)["model"] == "ward"
 
 
 @pytest.mark.parametrize("command", [["table"], ["export", "--to", "merl"]])

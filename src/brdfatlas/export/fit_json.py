@@ -55,12 +55,6 @@ def export_json(fit: Fit, path: str | os.PathLike) -> None:
     write_text(path, rows + "\n")
 
 
-def is_fit_json(path: str | os.PathLike) -> bool:
-    """Whether a regular file begins as :func:`export_json` begins it."""
-    with open(path, "rb") as handle:
-        return re.match(rb'\{\s*"format": "brdfatlas fit ', handle.read(64)) is not None
-
-
 def import_json(path: str | os.PathLike, source: str | os.PathLike | None = None) -> Fit:
     """Read what :func:`export_json` wrote: the same fit. ``source``: as of :func:`.fits.load_fit`. ValueError names the
     file and what is wrong with it."""
