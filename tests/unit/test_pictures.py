@@ -8,7 +8,7 @@ from PIL import Image
 
 from brdfatlas.figures import pictures
 from brdfatlas.figures.scripts import read_script, write_script
-from brdfatlas.measures.errors import Tone, delta_e, displayed_lab
+from brdfatlas.measures.errors import Tone, delta_e, displayed_lab, image_errors
 from brdfatlas.rendering.images import Render, save_render
 
 TONE = Tone(1.0, 2.2)
@@ -178,3 +178,18 @@ def test_bars_are_svg_whose_labels_sit_where_the_map_puts_their_values(tmp_path)
         for stop in root.iter(f"{SVG}stop"):
             r, g, b = colours[round(float(stop.get("offset")) * 255)]
             assert stop.get("stop-color") == f"#{r:02x}{g:02x}{b:02x}"
+
+
+def test_maps_show_what_the_measures_average():
+    """Both look at one view of the pictures, on the same pixels."""
+    rng = np.random.default_rng(5)
+    base = flat(0.4, 48)
+    image = Render(base.mean * rng.uniform(1.1, 1.6, base.mean.shape).astype(np.float32), base.batches, base.mask)
+    found, maps = image_errors(base, image, TONE, common_numbers=False), pictures.Scene(base, TONE).pictures(image)
+    for kind, colours, (low, high) in (
+        ("de00", "cividis", pictures.DE00_RANGE),
+        ("flip", "magma", pictures.FLIP_RANGE),
+    ):
+        table, shown = pictures.colour_table(colours).astype(int), maps[kind][base.mask][:, :3].astype(int)
+        place = np.abs(table - shown[:, None]).sum(-1).argmin(1) / 255
+        assert np.mean(low * (high / low) ** place) == pytest.approx(found[f"{kind}_mean"], rel=0.01)

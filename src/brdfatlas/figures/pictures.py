@@ -40,8 +40,8 @@ from PIL import Image
 from brdfatlas.constants import LUMINANCE, REFERENCE, REFERENCE_AGAIN
 from brdfatlas.figures.scripts import read_script, write_script
 from brdfatlas.files import atomic_path, digests, write_json, write_text
-from brdfatlas.measures.errors import Tone, box_around, delta_e, displayed_lab, to_8_bit
-from brdfatlas.measures.flip import flip, see
+from brdfatlas.measures.errors import Tone, View, box_around, delta_e, to_8_bit
+from brdfatlas.measures.flip import flip
 from brdfatlas.rendering.images import Render, load_render, tone_map
 
 #: Ends of the logarithmic scales of maps; values outside are shown as the nearer end.
@@ -153,10 +153,8 @@ class Scene:
     def __init__(self, reference: Render, tone: Tone) -> None:
         self.reference, self.mask, self.tone = reference, reference.mask, tone
         self.base = hdr_levels(reference.mean)
-        self.lab = displayed_lab(reference.mean[self.mask], tone.exposure)
         self.box = box_around(self.mask)
-        self.shown = tone_map(reference.mean[self.box], *tone)
-        self.seen = see(self.shown)
+        self.view = View(reference.mean[self.box], self.mask[self.box], tone)
 
     def pictures(self, image: Render, kinds: Iterable[str] = KINDS) -> dict[str, np.ndarray]:
         """The pictures of one model by their kind, uint8."""
@@ -167,15 +165,12 @@ class Scene:
 
     def de00(self, image: Render) -> np.ndarray:
         delta = np.zeros(self.mask.shape, np.float32)
-        delta[self.mask] = delta_e(self.lab, displayed_lab(image.mean[self.mask], self.tone.exposure))
+        delta[self.mask] = delta_e(self.view.lab, self.view.beside(image.mean[self.box]).lab)
         return apply_colours(log_place(delta, DE00_RANGE), colour_table("cividis"), self.mask)
 
     def flip(self, image: Render) -> np.ndarray:
-        """Outside the mask both show the reference, so that filters that reach over the material's edge see no
-        noise."""
-        mask, found = self.mask[self.box], np.zeros(self.mask.shape, np.float32)
-        shown = np.where(mask[..., None], tone_map(image.mean[self.box], *self.tone), self.shown)
-        found[self.box] = flip(self.seen, see(shown))
+        found = np.zeros(self.mask.shape, np.float32)
+        found[self.box] = flip(self.view.seen, self.view.beside(image.mean[self.box]).seen)
         return apply_colours(log_place(found, FLIP_RANGE), colour_table("magma"), self.mask)
 
     def diff(self, image: Render) -> np.ndarray:

@@ -26,6 +26,7 @@ import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
@@ -290,16 +291,36 @@ def _check_finite(name: str, render: Render, mask: np.ndarray) -> None:
         raise ValueError(f"a batch of the {name} holds NaN or Inf where the material is")
 
 
-@dataclass(frozen=True)
 class View:
-    """A reference as a viewer sees it, in the box around its mask: ``linear`` and tone-mapped ``shown`` (h, w, 3),
-    ``lab`` of the covered pixels (n, 3), and what SSIM and FLIP need of it."""
+    """A picture as a viewer sees it, in the box around its mask (h, w): ``linear`` radiance (h, w, 3), and what each
+    measure needs of it alone, made when first asked for. ``half``: FLIP sees it at half the resolution."""
 
-    linear: np.ndarray
-    lab: np.ndarray
-    shown: np.ndarray
-    structure: Structure
-    seen: Seen
+    def __init__(self, linear: np.ndarray, mask: np.ndarray, tone: Tone, *, half: bool = False) -> None:
+        self.linear, self.mask, self.tone, self.half = linear, mask, tone, half
+
+    def beside(self, linear: np.ndarray) -> "View":
+        """Another picture (h, w, 3) to be compared with this one. Outside the mask both show the same, so that filters
+        that reach over the material's edge see no noise."""
+        seen = np.where(self.mask[..., None], linear, self.linear)
+        return View(seen, self.mask, self.tone, half=self.half)
+
+    @cached_property
+    def lab(self) -> np.ndarray:
+        """Of the covered pixels, (n, 3)."""
+        return displayed_lab(self.linear[self.mask], self.tone.exposure)
+
+    @cached_property
+    def shown(self) -> np.ndarray:
+        """Tone-mapped, (h, w, 3)."""
+        return tone_map(self.linear, *self.tone)
+
+    @cached_property
+    def structure(self) -> Structure:
+        return structure(self.shown)
+
+    @cached_property
+    def seen(self) -> Seen:
+        return see(tone_map(_halved(self.linear), *self.tone), SCALE / 2) if self.half else see(self.shown)
 
 
 class Picture:
@@ -311,40 +332,33 @@ class Picture:
 
     def __init__(self, reference: Render, tone: Tone) -> None:
         check_reference(reference)
-        self.reference, self.tone = reference, tone
+        self.reference = reference
         self.box = box_around(reference.mask)
         self.mask = reference.mask[self.box]
         self.count = int(self.mask.sum())
         self.linear = LinearReference(reference)
-        self.view = self._view(reference.mean[self.box])
+        self.view = View(reference.mean[self.box], self.mask, tone)
         half = len(reference.batches) // 2
         self.halves = [slice(0, half), slice(half, 2 * half)] if half else []
-        self.half_views = [self._view(self._mean(reference, part), half=True) for part in self.halves]
+        self.half_views = [View(self._mean(reference, part), self.mask, tone, half=True) for part in self.halves]
 
     def _mean(self, render: Render, part: slice) -> np.ndarray:
         return render.batches[(part, *self.box)].mean(0)
 
-    def _view(self, linear: np.ndarray, *, half: bool = False) -> View:
-        """``half``: for FLIP at half the resolution."""
-        lab, shown = displayed_lab(linear[self.mask], self.tone.exposure), tone_map(linear, *self.tone)
-        seen = see(tone_map(_halved(linear), *self.tone), SCALE / 2) if half else see(shown)
-        return View(linear, lab, shown, structure(shown), seen)
-
     def errors(self, image: Render, *, common_numbers: bool = True) -> tuple[dict[str, float], "Spread"]:
         """All IMAGE_MEASURES of an image, and how they scatter; see :func:`image_errors`."""
         check_image(self.reference, image)
-        linear, view = _linear(self.linear, image, common_numbers), self.view
-        seen = np.where(self.mask[..., None], image.mean[self.box], view.linear)
-        shown = tone_map(seen, *self.tone)
-        a, b = (to_8_bit(x[self.mask]).astype(np.float64) for x in (view.shown, shown))
-        delta = delta_e(view.lab, displayed_lab(seen[self.mask], self.tone.exposure))
+        linear = _linear(self.linear, image, common_numbers)
+        view, other = self.view, self.view.beside(image.mean[self.box])
+        a, b = (to_8_bit(x.shown[self.mask]).astype(np.float64) for x in (view, other))
+        delta = delta_e(view.lab, other.lab)
         blocks = self._blocks(image)
         values = linear.values | {
             "psnr_tonemapped_db": psnr(255.0, float(np.mean((a - b) ** 2))),
             "de00_mean": float(delta.mean(dtype=np.float64)),
             "de00_p95": float(np.percentile(delta, 95)),
-            "flip_mean": float(flip(view.seen, see(shown))[self.mask].mean(dtype=np.float64)),
-            "ssim": float(ssim_map(view.structure, structure(shown))[self.mask].mean(dtype=np.float64)),
+            "flip_mean": float(flip(view.seen, other.seen)[self.mask].mean(dtype=np.float64)),
+            "ssim": float(ssim_map(view.structure, other.structure)[self.mask].mean(dtype=np.float64)),
         }
         values |= {RANKED[key].error: _root(part) for key, part in blocks.items()}
         return {name: values[name] for name in IMAGE_MEASURES}, Spread(linear.without, blocks)
@@ -356,11 +370,10 @@ class Picture:
             return {key: np.array([np.nan]) for key in ("de00_mean", "flip_mean", "ssim")}
         maps = []
         for part, view in zip(self.halves, self.half_views, strict=True):
-            seen = np.where(self.mask[..., None], self._mean(image, part), view.linear)
+            other = view.beside(self._mean(image, part))
             delta = np.zeros(self.mask.shape, np.float32)
-            delta[self.mask] = delta_e(view.lab, displayed_lab(seen[self.mask], self.tone.exposure))
-            coarse = flip(view.seen, see(tone_map(_halved(seen), *self.tone), SCALE / 2))
-            maps.append((delta, coarse, ssim_map(view.structure, structure(tone_map(seen, *self.tone)))))
+            delta[self.mask] = delta_e(view.lab, other.lab)
+            maps.append((delta, flip(view.seen, other.seen), ssim_map(view.structure, other.structure)))
         # two halves of n // 2 batches: the variance of their mean is a quarter of that of their difference
         share = np.sqrt(2 * (len(image.batches) // 2) / len(image.batches)) / (2 * self.count)
         # FLIP at half the resolution is as noisy as at the full one, because its filters are wider than a pixel: a
