@@ -7,12 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE, N_PHI_D, half_difference
 from brdfatlas.compiled import njit
 from brdfatlas.files import shown
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 #: The same pair of directions, in radians.
 SAME_PAIR = 1e-5
@@ -125,14 +129,21 @@ class Measured:
         """Whether pairs (..., 3) are samples, of scattered data, or their images under reciprocity and mirror."""
         if self.samples is None:
             return np.zeros(np.broadcast_shapes(np.shape(wi), np.shape(wo))[:-1], bool)
+        at = _symmetric(*half_difference(wi, wo))
+        far = np.where(np.isfinite(at), at, 9.0)  # a direction that is none is no sample
+        return np.less(self._tree.query(far, distance_upper_bound=SAME_PAIR)[0], SAME_PAIR)
+
+    @cached_property
+    def _tree(self) -> "cKDTree":
+        """Of the samples, made once."""
         from scipy.spatial import cKDTree
 
-        at, samples = (
-            np.stack([h, d, np.sin(h) * np.sin(d) * np.abs(np.cos(phi))], -1)
-            for h, d, phi in (half_difference(wi, wo), np.moveaxis(self.samples, -1, 0))
-        )
-        far = np.where(np.isfinite(at), at, 9.0)  # a direction that is none is no sample
-        return np.less(cKDTree(samples).query(far, distance_upper_bound=SAME_PAIR)[0], SAME_PAIR)
+        return cKDTree(_symmetric(*np.moveaxis(self.samples, -1, 0)))
+
+
+def _symmetric(theta_h, theta_d, phi_d) -> np.ndarray:
+    """(..., 3): coordinates in which a pair and its images under reciprocity and mirror are one point."""
+    return np.stack([theta_h, theta_d, np.sin(theta_h) * np.sin(theta_d) * np.abs(np.cos(phi_d))], -1)
 
 
 def fold(table: np.ndarray) -> np.ndarray:

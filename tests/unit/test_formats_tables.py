@@ -1,6 +1,8 @@
 """Spectral text, tables and what lies between their samples; broken ones of every kind."""
 
 import os
+import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -291,6 +293,28 @@ def test_single_pairs_and_what_is_none_have_a_place_beside_samples(tmp_path):
     assert np.isfinite(measured.evaluate_measured(wi[-1], wo[-1])).all()
     assert measured.evaluate_measured(wi[-1], wo[-1]).shape == (3,)
     assert np.isnan(measured.evaluate_measured(np.nan * wi, wo)).all()
+
+
+def test_samples_are_put_in_order_once_for_all_questions(tmp_path, monkeypatch):
+    """By each Measured for itself: one with other samples, or a copy, answers for its own."""
+    import scipy.spatial
+
+    wi, wo = tables.regular_directions(20)
+    tables.write_csv(tmp_path / "a.csv", wi, wo, 0.2 + 0.1 * wi * wo, "measured", "f")
+    measured = brdfatlas.read(tmp_path / "a.csv")
+    for name in ("table", "distance", "samples"):
+        getattr(measured, name).flags.writeable = False
+    made, build = [], scipy.spatial.cKDTree
+    monkeypatch.setattr(scipy.spatial, "cKDTree", lambda points: made.append(len(points)) or build(points))
+    known = np.isfinite(measured.evaluate_measured(wi, wo))
+    for _ in range(3):
+        assert np.array_equal(np.isfinite(measured.evaluate_measured(wi, wo)), known)
+    assert made == [len(measured.samples)]
+    copy = pickle.loads(pickle.dumps(measured))
+    assert copy == measured
+    assert np.array_equal(np.isfinite(copy.evaluate_measured(wi, wo)), known)
+    assert known.all()
+    assert not np.isfinite(replace(measured, samples=measured.samples[:1]).evaluate_measured(wi, wo)).all()
 
 
 def test_a_table_keeps_its_pairs_whatever_often_it_is_converted(tmp_path):
