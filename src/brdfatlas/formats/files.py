@@ -1,11 +1,14 @@
 """What every reader does first: a regular file, of a bearable size, read without surprises."""
 
 import os
+import re
 import stat
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from brdfatlas.files import digits
 from brdfatlas.measured import MeasuredError
 
 #: Larger values, in 1/sr, are no reflectance: a mirror within one MERL cell has about 1e6.
@@ -50,6 +53,21 @@ def read_text(path: str | os.PathLike, limit: int) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise MeasuredError(f"{path}: byte {error.start}: not UTF-8; save it as UTF-8 text") from None
+
+
+def numbers(path: str | os.PathLike, words: Sequence[str], lines: Sequence[int]) -> np.ndarray:
+    """``words`` as float64, (n,). MeasuredError, naming its line of ``lines``, for the first that is no number."""
+    try:
+        digits("".join(words))  # a look at all costs less than one at each
+        return np.array(words, float)
+    except ValueError:
+        for word, line in zip(words, lines, strict=True):
+            try:
+                float(digits(word))
+            except ValueError:
+                remedy = "write decimals with a point" if re.fullmatch(r"\s*-?\d+,\d+\s*", word) else "correct it"
+                raise MeasuredError(f"{path}: line {line}: {word.strip()[:30]!r} is not a number; {remedy}") from None
+        raise
 
 
 def name_of(path: str | os.PathLike) -> str:

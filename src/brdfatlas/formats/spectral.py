@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas.files import digits
 from brdfatlas.formats.colour import ILLUMINATION, check_wavelengths, rgb_weights
-from brdfatlas.formats.files import check_values, read_text
+from brdfatlas.formats.files import check_values, numbers, read_text
 from brdfatlas.formats.scattered import Samples, checked, on_sphere, to_measured
 from brdfatlas.measured import Measured, MeasuredError
 
@@ -46,20 +45,15 @@ def _parse(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
         found = line.split("#", 1)[0].split()
         words += found
         places += [number] * len(found)
-    try:
-        digits("".join(words))
-        numbers = np.array(words, float)
-    except ValueError:
-        at = next(i for i, word in enumerate(words) if not _is_number(word))
-        raise MeasuredError(f"{path}: line {places[at]}: {words[at][:30]!r} is not a number; correct it") from None
-    count = int(numbers[0]) if len(numbers) and 0 < numbers[0] <= MOST_WAVELENGTHS else 0
-    if not count or count != numbers[0]:
+    values = numbers(path, words, places)
+    count = int(values[0]) if len(values) and 0 < values[0] <= MOST_WAVELENGTHS else 0
+    if not count or count != values[0]:
         found = words[0][:30] if words else "nothing"
         raise MeasuredError(f"{path}: begins with {found!r}, the number of wavelengths is wanted there")
-    if not np.isfinite(numbers).all():
-        at = int(np.flatnonzero(~np.isfinite(numbers))[0])
+    if not np.isfinite(values).all():
+        at = int(np.flatnonzero(~np.isfinite(values))[0])
         raise MeasuredError(f"{path}: line {places[at]}: {words[at]} is no value; remove the row or correct it")
-    wavelengths, rest = numbers[1 : 1 + count], numbers[1 + count :]
+    wavelengths, rest = values[1 : 1 + count], values[1 + count :]
     try:
         check_wavelengths(wavelengths)
     except ValueError as error:
@@ -74,14 +68,6 @@ def _parse(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
     told = [c for c in comments if c and not re.match(r"(num wls|wls|theta)", c)]
     note = "; ".join("".join(ch if ch.isprintable() else " " for ch in c).strip() for c in told[:5])[:500]
     return wavelengths, rest.reshape(-1, width), np.array(places[1 + count :: width]), note
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(digits(word))
-    except ValueError:
-        return False
-    return True
 
 
 def _load(path: str | os.PathLike, colour: bool) -> tuple[Samples, tuple[str, ...], str]:

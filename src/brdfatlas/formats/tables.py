@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas.files import atomic_path, digits
+from brdfatlas.files import atomic_path
 from brdfatlas.formats import spectral
-from brdfatlas.formats.files import HEAD_BYTES, check_values, read_bytes, read_text
+from brdfatlas.formats.files import HEAD_BYTES, check_values, numbers, read_bytes, read_text
 from brdfatlas.formats.scattered import Samples, checked, on_sphere, to_measured
 from brdfatlas.measured import KINDS, MEASURED, Measured, MeasuredError
 
@@ -198,7 +198,7 @@ def _columns(path: Path, header: _Header) -> tuple[list[int], list[int]]:
 
 def _rows(path: Path, lines: list[str], header: _Header, columns: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """``columns`` of every row as numbers (n, columns), and its line (n)."""
-    rows, places = [], []
+    words, places = [], []
     for number, line in enumerate(lines[header.line :], header.line + 1):
         if line.strip() and not line.lstrip().startswith("#"):
             cells = line.split(header.separator)
@@ -206,22 +206,12 @@ def _rows(path: Path, lines: list[str], header: _Header, columns: list[int]) -> 
                 raise MeasuredError(
                     f"{path}: line {number}: {len(cells)} cells, the names of the columns are {len(header.columns)}"
                 )
-            rows.append([cells[column] for column in columns])
+            words += [cells[column] for column in columns]
             places.append(number)
-    if not rows:
+    if not places:
         raise MeasuredError(f"{path}: no row after the names of the columns")
-    try:
-        digits("".join(cell for cells in rows for cell in cells))
-        return np.array(rows, float), np.array(places)
-    except ValueError:
-        for cells, number in zip(rows, places):
-            for cell in cells:
-                try:
-                    float(digits(cell))
-                except ValueError:
-                    hint = "; write decimals with a point" if re.fullmatch(r"\s*-?\d+,\d+\s*", cell) else ""
-                    raise MeasuredError(f"{path}: line {number}: {cell.strip()[:30]!r} is not a number{hint}") from None
-        raise
+    values = numbers(path, words, np.repeat(places, len(columns)))
+    return values.reshape(-1, len(columns)), np.array(places)
 
 
 def _load(path: str | os.PathLike) -> tuple[Samples, dict[str, str], tuple[str, ...]]:
