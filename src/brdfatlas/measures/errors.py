@@ -316,10 +316,12 @@ class View:
 
     @cached_property
     def structure(self) -> Structure:
+        """What SSIM compares."""
         return structure(self.shown)
 
     @cached_property
     def seen(self) -> Seen:
+        """What FLIP compares."""
         return see(tone_map(_halved(self.linear), *self.tone), SCALE / 2) if self.half else see(self.shown)
 
 
