@@ -37,6 +37,24 @@ def grid_axes(full_circle: bool = False) -> tuple[np.ndarray, np.ndarray, np.nda
     return theta_h_centres()[:, None, None], theta_d_centres()[None, :, None], phi_d_centres(full_circle)[None, None]
 
 
+def direction_pairs(wi, wo) -> tuple[np.ndarray, np.ndarray]:
+    """Directions as a caller has them, (..., 3) each, as float64 of one shape (..., 3). ValueError for what are none,
+    and for two shapes that do not broadcast."""
+    try:
+        pair = [np.asarray(w).astype(float, casting="same_kind", copy=False) for w in (wi, wo)]
+    except (TypeError, ValueError):
+        raise ValueError("directions that are no array of real numbers; shape (..., 3) is needed") from None
+    one, other = (w.shape for w in pair)
+    for shape in (one, other):
+        if shape[-1:] != (3,):
+            raise ValueError(f"directions of shape {shape}; (..., 3) is needed")
+    try:
+        wi, wo = np.broadcast_arrays(*pair)
+    except ValueError:
+        raise ValueError(f"directions of shapes {one} and {other}, which do not broadcast to one") from None
+    return wi, wo
+
+
 def directions(theta_h, theta_d, phi_d) -> tuple[np.ndarray, np.ndarray]:
     """The pair (wi, wo), each (..., 3), that has these angles and phi_h = 0.
 

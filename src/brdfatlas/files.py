@@ -71,11 +71,18 @@ def digits(text: AnyStr) -> AnyStr:
     return text
 
 
+def check_path(path: object) -> None:
+    """TypeError for what is no path. Bytes are none here, and a number would be taken for an open file."""
+    if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
+        raise TypeError(f"{shown(repr(path))[:80]} is no path; give a str or a pathlib.Path")
+
+
 def check_regular(path: str | os.PathLike) -> Path:
     """``path`` if it is a regular file or a link to one: a FIFO would wait for ever, a device never end.
 
-    Raises FileFault naming the file; FileNotFoundError and other OSErrors as ``os.stat`` does.
+    Raises FileFault naming the file; FileNotFoundError and other OSErrors as ``os.stat`` does; TypeError for no path.
     """
+    check_path(path)
     if not stat.S_ISREG(os.stat(path).st_mode):
         what = "a folder" if os.path.isdir(path) else "not a regular file"
         raise FileFault(f"{shown(path)}: {what}; name a file")
@@ -96,6 +103,7 @@ def stamps(paths: Iterable[str | os.PathLike]) -> dict[str, str]:
 
 def _target(path: str | os.PathLike) -> Path:
     """Where writing to ``path`` goes: through links, and only to a regular file or a new one. FileFault if neither."""
+    check_path(path)
     target = Path(os.path.realpath(path))
     if target.is_symlink():
         raise FileFault(f"{shown(path)}: a link to itself; name another output")

@@ -13,7 +13,7 @@ import numpy as np
 from numba.core.event import TimingListener, install_listener
 from threadpoolctl import threadpool_limits
 
-from brdfatlas.angles import GRID_SHAPE, above_horizon
+from brdfatlas.angles import GRID_SHAPE, above_horizon, direction_pairs
 from brdfatlas.files import check_regular, plain, read_npz, shown, write_npz
 from brdfatlas.measured import Measured, fold
 from brdfatlas.models import MODELS, Entry, is_ours, load_model, own_faults
@@ -75,8 +75,8 @@ class Fit:
     def evaluate(self, wi, wo) -> np.ndarray:
         """rgb (..., 3) in 1/sr at unit vectors (..., 3): ``wi`` towards the light, ``wo`` towards the viewer, which
         matters to a model that is not reciprocal. 0 where one direction is below the surface, NaN where one is not
-        finite."""
-        wi, wo = np.broadcast_arrays(np.asarray(wi, float), np.asarray(wo, float))
+        finite. ValueError for another shape."""
+        wi, wo = direction_pairs(wi, wo)
         finite = (np.isfinite(wi) & np.isfinite(wo)).all(-1)  # compiled look-ups take directions as indices
         seen = finite & (wi[..., 2] > 0) & (wo[..., 2] > 0)
         if seen.all():
@@ -166,6 +166,7 @@ def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -
     own whose file has moved.
 
     ValueError names the file if it is not a fit, if its model cannot be found, or if it is not what the model states.
+    TypeError for what is no path.
     """
     name = shown(path)
     try:
@@ -305,10 +306,12 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     An entry with given parameters is not fitted: its row holds those of the material (:mod:`.models.given`). The model
     gets a read-only table. ``report["seconds"]`` leaves out what the first fit of an installation spends on compiling.
 
-    Raises KeyError for an unknown model, ValueError for an unknown option or a material without a name, FitError where
-    the model has no finite fit for this material, or where the code of a model from outside fails, ParameterFileError
-    where its parameters are to be given and are not.
+    Raises KeyError for an unknown model, TypeError for what is none, ValueError for an unknown option or a material
+    without a name, FitError where the model has no finite fit for this material, or where the code of a model from
+    outside fails, ParameterFileError where its parameters are to be given and are not.
     """
+    if not isinstance(model, str | Entry | Model):
+        raise TypeError(f"{shown(repr(model))[:80]} is no model; give a name of brdfatlas.MODELS, an entry or a Model")
     if isinstance(model, Model):
         entry = Entry(model.name, model.name)
     else:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brdfatlas.angles import GRID_SHAPE, N_PHI_D, half_difference
+from brdfatlas.angles import GRID_SHAPE, N_PHI_D, direction_pairs, half_difference
 from brdfatlas.compiled import njit
 from brdfatlas.files import shown
 
@@ -110,7 +110,8 @@ class Measured:
 
     def evaluate(self, wi, wo) -> np.ndarray:
         """rgb in 1/sr at unit vectors (..., 3), trilinear, extended beyond the horizon; 0 below the surface. ValueError
-        for vectors of another length."""
+        for another shape and for vectors of another length."""
+        wi, wo = direction_pairs(wi, wo)
         for w in (wi, wo):
             length = np.linalg.norm(w, axis=-1)
             off = np.abs(length - 1) > 1e-3  # not of NaN, whose value is NaN

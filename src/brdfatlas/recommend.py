@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brdfatlas.constants import REFERENCE
-from brdfatlas.files import ENDINGS, FileFault, atomic_path, digests, ours, read_record, shown, write_json
+from brdfatlas.files import ENDINGS, FileFault, atomic_path, check_path, digests, ours, read_record, shown, write_json
 from brdfatlas.fits import Fit, check_material, fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, MeasuredError
@@ -162,9 +162,10 @@ def _unchanged(folder: Path) -> set[str]:
 
 def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]) -> None:
     """Refuse, before any fit, a folder in which :meth:`Recommendation.save` could not write, or whose files it would
-    replace that are not of an earlier recommendation. FileFault, one line."""
+    replace that are not of an earlier recommendation. FileFault, one line; TypeError for what is no path."""
     from brdfatlas.export import targets
 
+    check_path(folder)
     where = Path(folder).absolute()
     parent = next(path for path in (where, *where.parents) if os.path.lexists(path))
     if not os.fspath(folder) or not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
@@ -205,11 +206,19 @@ def recommend(
     the model; only such models are fitted then. ``models``: entries to try, all by default. ``size`` in pixels and
     ``samples`` a pixel of the pictures. ``progress`` is called with a line after each step.
 
-    Raises ValueError (MeasuredError) for a file that cannot be read or an unknown target, KeyError for an unknown
-    model. A model without a fit for this material has a row with the reason.
+    Raises ValueError (MeasuredError) for a file that cannot be read, an unknown target or a number out of range,
+    TypeError for what is no path or no names, KeyError for an unknown model. A model without a fit for this material
+    has a row with the reason.
     """
     if target is not None and target not in TARGETS:
         raise ValueError(f"unknown target {target!r}; known targets: {', '.join(TARGETS)}")
+    for name, value in {"processes": processes, "size": size, "samples": samples}.items():
+        if not isinstance(value, int | np.integer) or value < 1:
+            raise ValueError(f"{name} {value!r}: a whole number from 1 is wanted")
+    if budget is not None and not (isinstance(budget, int | float | np.number) and budget >= 0):
+        raise ValueError(f"budget {budget!r}: a number of bytes from 0 is wanted")
+    if models is not None and (isinstance(models, bytes) or not isinstance(models, Iterable)):
+        raise TypeError(f"models {models!r}: names of models are wanted")
     tell = progress or (lambda line: None)
     measured = measured if isinstance(measured, Measured) else read(measured)
     check_material(measured, seed)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas.files import digits
+from brdfatlas.files import check_path, digits
 from brdfatlas.measured import MeasuredError
 
 #: Larger values, in 1/sr, are no reflectance: a mirror within one MERL cell has about 1e6.
@@ -18,7 +18,9 @@ HEAD_BYTES = 4096
 
 
 def size_of(path: str | os.PathLike) -> int:
-    """Bytes of a regular file. MeasuredError for what is absent, unreadable or no regular file (a FIFO would hang)."""
+    """Bytes of a regular file. MeasuredError for what is absent, unreadable or no regular file (a FIFO would hang),
+    TypeError for what is no path."""
+    check_path(path)
     try:
         status = os.stat(path)
     except FileNotFoundError:

@@ -102,8 +102,8 @@ def read(path: str | os.PathLike, *, standin: bool = False) -> Measured:
     MeasuredError (one line, naming the file) for wrong dimensions, a truncated or over-long file, NaN or Inf, values
     above MAX_VALUE, no valid cell, or what is not a readable regular file.
     """
-    path = Path(path)
     order, shape = _header(path)
+    path = Path(path)
     try:
         stored = np.fromfile(path, f"{order}f8", offset=HEADER_BYTES)
     except OSError as error:

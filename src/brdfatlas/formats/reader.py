@@ -38,7 +38,7 @@ def format_of(path: str | os.PathLike) -> ModuleType | None:
 def read(path: str | os.PathLike, *, standin: bool = False) -> Measured:
     """Any file of measured reflectance, on the MERL grid. ``standin``: it is one, marked or not.
 
-    Raises MeasuredError: one line with file, place and remedy.
+    Raises MeasuredError: one line with file, place and remedy; TypeError for what is no path.
     """
     measured = _module(path).read(path)
     return replace(measured, standin=True) if standin else measured
