@@ -15,6 +15,7 @@ from brdfatlas.models import read_entries
 from brdfatlas.pipeline.configuration import (
     ConfigError,
     check,
+    check_configfiles,
     check_samples,
     choose,
     files_of_scene,
@@ -105,16 +106,39 @@ def test_yaml_faults_name_file_and_line(tmp_path):
         ("!!binary c2VlZA==: 1\n", "line 1: .*is no text"),
         ("1: 2\n", "line 1: .*'1' is no text"),
         ("[a]: 2\n", "line 1: .*is no text"),
+        ("render: {samples: 010}\n", "line 1: .*010 would be read as 8; write decimal"),
+        ("seed: 1\nrender: {samples: 1:30}\n", "line 2: .*1:30 would be read as 90; write decimal"),
+        ("a: 0x20\n", "line 1: .*0x20 would be read as 32"),
+        ("a: [1, -0b11]\n", "line 1: .*-0b11 would be read as -3"),
+        ("a: 1_000\n", "line 1: .*1_000 would be read as 1000"),
+        ("a: 1:30.5\n", "line 1: .*1:30.5 would be read as 90.5"),
+        ("a: 1_0.5\n", "line 1: .*1_0.5 would be read as 10.5"),
         ("seed: 99999-99-99999\ndate: 2026-99-99\n", "not usable YAML"),
         ("a0: &a0 [1, 1]\n" + "".join(f"a{k + 1}: &a{k + 1} [*a{k}, *a{k}]\n" for k in range(40)), "write fewer"),
         ("a: &a {b: *a}\n", "write fewer"),
     ],
 )
-def test_keys_of_yaml_are_text_and_stand_once(tmp_path, text, words):
+def test_keys_of_yaml_are_text_and_stand_once_and_numbers_are_decimal(tmp_path, text, words):
     (tmp_path / "bad.yaml").write_text(text)
     with pytest.raises(ConfigError, match=rf"bad\.yaml: .*{words}|bad\.yaml: {words}") as caught:
         read_yaml(tmp_path / "bad.yaml")
     assert "\n" not in str(caught.value)
+
+
+def test_decimal_numbers_and_quoted_texts_are_what_they_look_like(tmp_path):
+    (tmp_path / "a.yaml").write_text("a: [0, -7, +8, 0.5, 1.5e+3, .inf, '010', \"1:30\", 12:a]\n")
+    values = [0, -7, 8, 0.5, 1500.0, float("inf"), "010", "1:30", "12:a"]
+    assert read_yaml(tmp_path / "a.yaml")["a"] == values
+
+
+def test_faults_of_a_configuration_that_snakemake_says_nothing_of_are_told(tmp_path):
+    (tmp_path / "mine.yaml").write_text("seed: 1\nrender: {samples: 010}\n")
+    (tmp_path / "twice.yaml").write_text("seed: 1\nseed: 2\n")
+    (tmp_path / "good.json").write_text('{\t"seed": 1}')
+    check_configfiles([tmp_path / "good.json"])
+    for name in ("mine.yaml", "twice.yaml"):
+        with pytest.raises(ConfigError, match=rf"{name}: line 2: "):
+            check_configfiles([tmp_path / "good.json", tmp_path / name])
 
 
 def numbers(value, key=()):

@@ -57,6 +57,18 @@ def test_bad_configuration_stops_before_any_work(project):
     assert not (project.root / "results").exists()
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("render: {samples: 010}\n", "010 would be read as 8"), ("seed: 3\nseed: 4\n", "'seed' stands twice")],
+)
+def test_what_snakemake_reads_otherwise_than_it_looks_stops_before_any_work(project, text, words):
+    (project.root / "mine.yaml").write_text(text)
+    done = project.snakemake("--configfile", "mine.yaml", check=False)
+    assert done.returncode != 0
+    assert re.search(rf"mine\.yaml: line \d: .*{words}", done.stdout)
+    assert not (project.root / "results").exists()
+
+
 def test_end_to_end_makes_the_report(finished_run):
     index = (finished_run.root / "reports" / "index.html").read_text()
     for name in ("pink-felt", "chrome"):

@@ -11,7 +11,15 @@ from brdfatlas.export.uber_texture import HEIGHT, has_row
 from brdfatlas.files import stamps
 from brdfatlas.models import name_sources, read_entries
 from brdfatlas.models.given import why_no_row
-from brdfatlas.pipeline.configuration import check_samples, choose, files_of_scene, read_assets, read_config, read_rgl
+from brdfatlas.pipeline.configuration import (
+    check_configfiles,
+    check_samples,
+    choose,
+    files_of_scene,
+    read_assets,
+    read_config,
+    read_rgl,
+)
 from brdfatlas.pipeline.leftovers import missing_files
 from brdfatlas.pipeline.materials import MEASURED_FOLDER, find_materials
 from brdfatlas.pipeline.provenance import provenance, shipped
@@ -25,6 +33,7 @@ if Path(sys.executable).exists():  # not quoted yet
     sys.executable = shlex.quote(sys.executable)
 
 try:
+    check_configfiles(workflow.configfiles)
     config = read_config(config)
     ALL_ENTRIES = read_entries(config["models_file"])
     ALL_SCENES = read_scenes(config["scenes_file"])

@@ -74,6 +74,14 @@ def choose(wanted: str | list[str], known: list[str], key: str, source: str) -> 
     return list(dict.fromkeys(wanted))
 
 
+def check_configfiles(paths: Iterable[str | Path]) -> None:
+    """ConfigError for a configuration file with a fault that Snakemake, which reads it, says nothing of: a key that
+    stands twice, a number that is not decimal."""
+    for path in paths:
+        if Path(path).suffix != ".json":
+            read_yaml(path)
+
+
 def read_config(config: Mapping[str, Any], source: str = "config") -> dict[str, Any]:
     """The main configuration, completed and checked."""
     schema = read_yaml(SCHEMAS / "config.schema.yaml")
