@@ -37,24 +37,6 @@ def grid_axes(full_circle: bool = False) -> tuple[np.ndarray, np.ndarray, np.nda
     return theta_h_centres()[:, None, None], theta_d_centres()[None, :, None], phi_d_centres(full_circle)[None, None]
 
 
-def direction_pairs(wi, wo) -> tuple[np.ndarray, np.ndarray]:
-    """Directions as a caller has them, (..., 3) each, as float64 of one shape (..., 3). ValueError for what are none,
-    and for two shapes that do not broadcast."""
-    try:
-        pair = [np.asarray(w).astype(float, casting="same_kind", copy=False) for w in (wi, wo)]
-    except (TypeError, ValueError):
-        raise ValueError("directions that are no array of real numbers; shape (..., 3) is needed") from None
-    one, other = (w.shape for w in pair)
-    for shape in (one, other):
-        if shape[-1:] != (3,):
-            raise ValueError(f"directions of shape {shape}; (..., 3) is needed")
-    try:
-        wi, wo = np.broadcast_arrays(*pair)
-    except ValueError:
-        raise ValueError(f"directions of shapes {one} and {other}, which do not broadcast to one") from None
-    return wi, wo
-
-
 def directions(theta_h, theta_d, phi_d) -> tuple[np.ndarray, np.ndarray]:
     """The pair (wi, wo), each (..., 3), that has these angles and phi_h = 0.
 
@@ -66,6 +48,32 @@ def directions(theta_h, theta_d, phi_d) -> tuple[np.ndarray, np.ndarray]:
     along, across = sin_d * np.cos(phi_d), sin_d * np.sin(phi_d)
     wi = np.stack([cos_h * along + sin_h * cos_d, across, cos_h * cos_d - sin_h * along], -1)
     wo = np.stack([sin_h * cos_d - cos_h * along, -across, cos_h * cos_d + sin_h * along], -1)
+    return wi, wo
+
+
+def unit_vectors(wi, wo) -> tuple[np.ndarray, np.ndarray]:
+    """Directions as a caller has them, (..., 3) each, as float64 of one shape (..., 3); a masked one is NaN.
+
+    ValueError for what are none, for two shapes that do not broadcast, and for vectors of another length than 1, which
+    every model would take for a direction that nobody meant; those that are not finite pass.
+    """
+    try:
+        arrays = [np.ma.asarray(w).astype(float, casting="same_kind", copy=False) for w in (wi, wo)]
+    except (TypeError, ValueError):
+        raise ValueError("directions that are no array of real numbers; shape (..., 3) is needed") from None
+    one, other = (w.shape for w in arrays)
+    for shape in (one, other):
+        if shape[-1:] != (3,):
+            raise ValueError(f"directions of shape {shape}; (..., 3) is needed")
+    try:
+        wi, wo = np.broadcast_arrays(*(np.ma.filled(w, np.nan) for w in arrays))
+    except ValueError:
+        raise ValueError(f"directions of shapes {one} and {other}, which do not broadcast to one") from None
+    for w in (wi, wo):
+        length = np.linalg.norm(w, axis=-1)
+        off = np.isfinite(length) & (np.abs(length - 1) > 1e-3)
+        if off.any():
+            raise ValueError(f"a direction of length {np.extract(off, length)[0]:.4g}; unit vectors are needed")
     return wi, wo
 
 

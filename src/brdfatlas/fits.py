@@ -13,7 +13,7 @@ import numpy as np
 from numba.core.event import TimingListener, install_listener
 from threadpoolctl import threadpool_limits
 
-from brdfatlas.angles import GRID_SHAPE, above_horizon, direction_pairs
+from brdfatlas.angles import GRID_SHAPE, above_horizon, unit_vectors
 from brdfatlas.files import check_regular, plain, read_npz, shown, write_npz
 from brdfatlas.measured import Measured, fold
 from brdfatlas.models import MODELS, Entry, is_ours, load_model, own_faults
@@ -75,8 +75,8 @@ class Fit:
     def evaluate(self, wi, wo) -> np.ndarray:
         """rgb (..., 3) in 1/sr at unit vectors (..., 3): ``wi`` towards the light, ``wo`` towards the viewer, which
         matters to a model that is not reciprocal. 0 where one direction is below the surface, NaN where one is not
-        finite. ValueError for another shape."""
-        wi, wo = direction_pairs(wi, wo)
+        finite. ValueError for another shape and for vectors of another length."""
+        wi, wo = unit_vectors(wi, wo)
         finite = (np.isfinite(wi) & np.isfinite(wo)).all(-1)  # compiled look-ups take directions as indices
         seen = finite & (wi[..., 2] > 0) & (wo[..., 2] > 0)
         if seen.all():

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brdfatlas.angles import GRID_SHAPE, N_PHI_D, direction_pairs, half_difference
+from brdfatlas.angles import GRID_SHAPE, N_PHI_D, half_difference, unit_vectors
 from brdfatlas.compiled import njit
 from brdfatlas.files import shown
 
@@ -56,7 +56,7 @@ class Measured:
     """A BRDF on the MERL grid.
 
     ``table``: (90, 90, 180, 3) float32, 1/sr without the cosine, rgb last, NaN in all channels where nothing was
-    measured; (90, 90, 360, 3) on the full circle. MeasuredError for anything else.
+    measured, or masked there; (90, 90, 360, 3) on the full circle. MeasuredError for anything else.
     ``standin``: True for a material built from published fits; it must never be shown as a measurement.
     ``distance``: of scattered data, GRID_SHAPE float32: degrees to the nearest sample, NaN where the table is.
     ``samples``: of scattered data, (n, 3): theta_h, theta_d, phi_d of the samples in radians.
@@ -77,6 +77,8 @@ class Measured:
             raise MeasuredError(f"{self.name}: a table of shape {shape}; {(*GRID_SHAPE, 3)} is needed")
         if dtype not in (np.float32, np.float64):  # compiled code knows no other, nor another order of bytes
             raise MeasuredError(f"{self.name}: a table of {dtype}; float32 or float64 is needed")
+        if np.ma.isMaskedArray(self.table):  # whose NaN would be masked, and not seen below
+            object.__setattr__(self, "table", self.table.filled(np.nan))
         r, g, b = (np.isnan(self.table[..., channel]) for channel in range(3))
         partly = int(((r != g) | (r != b)).sum())
         if partly:
@@ -109,20 +111,15 @@ class Measured:
         return extend(self.table, self.valid)
 
     def evaluate(self, wi, wo) -> np.ndarray:
-        """rgb in 1/sr at unit vectors (..., 3), trilinear, extended beyond the horizon; 0 below the surface. ValueError
-        for another shape and for vectors of another length."""
-        wi, wo = direction_pairs(wi, wo)
-        for w in (wi, wo):
-            length = np.linalg.norm(w, axis=-1)
-            off = np.abs(length - 1) > 1e-3  # not of NaN, whose value is NaN
-            if off.any():
-                raise ValueError(f"a direction of length {np.extract(off, length)[0]:.4g}; unit vectors are needed")
-        return look_up(self.extended, wi, wo)
+        """rgb in 1/sr at unit vectors (..., 3), trilinear, extended beyond the horizon; 0 below the surface, NaN where
+        a direction is not finite. ValueError for another shape and for vectors of another length."""
+        return look_up(self.extended, *unit_vectors(wi, wo))
 
     def evaluate_measured(self, wi, wo) -> np.ndarray:
         """As :meth:`evaluate`, (..., 3) in 1/sr, but NaN where the cells around were not measured for the most part and
         the pair is no sample itself: those at the edge have few measured cells around."""
-        values = self.evaluate(wi, wo)
+        wi, wo = unit_vectors(wi, wo)
+        values = look_up(self.extended, wi, wo)
         known = look_up(self.valid[..., None].astype(np.float32), wi, wo) > 0.5
         return np.where(known | self._sampled(wi, wo)[..., None], values, np.nan)
 

@@ -140,11 +140,25 @@ def test_a_table_made_by_hand_is_checked_before_anything_is_fitted_to_it(make, t
 
 
 def test_directions_that_are_no_unit_vectors_are_refused():
-    measured, up = Measured("felt", grey()), np.array([0.0, 0.0, 1.0])
-    assert np.isnan(measured.evaluate(up * np.nan, up)).all()
-    for wi, wo in [(2 * up, up), (up, np.stack([up, 0.9 * up])), (0 * up, up)]:
-        with pytest.raises(ValueError, match=r"a direction of length .*; unit vectors are needed"):
-            measured.evaluate(wi, wo)
+    felt, up = Measured("felt", grey()), np.array([0.0, 0.0, 1.0])
+    for item in (felt, brdfatlas.fit("lambert", felt)):
+        assert np.isnan(item.evaluate(up * np.nan, up)).all()
+        assert np.isnan(item.evaluate(up, np.ma.masked_equal(up, 0))).all()
+        for wi, wo in [(2 * up, up), (up, np.stack([up, 0.9 * up])), (0 * up, up)]:
+            with pytest.raises(ValueError, match=r"a direction of length .*; unit vectors are needed"):
+                item.evaluate(wi, wo)
+        for none in (None, 1.0, up[1:], np.ones((3, 4))):
+            with pytest.raises(ValueError, match=r"directions .*\(\.\.\., 3\) is needed"):
+                item.evaluate(none, none)
+
+
+def test_masked_cells_were_not_measured():
+    table = grey()
+    table[:, :, 90:] = 0.7
+    masked = np.ma.masked_equal(table, np.float32(0.7))
+    table[:, :, 90:] = np.nan
+    assert Measured("felt", masked) == Measured("felt", table)
+    assert np.array_equal(Measured("felt", masked).extended, Measured("felt", table).extended)
 
 
 def test_no_table_is_written_that_is_not_read(tmp_path):
