@@ -3,8 +3,10 @@
 import json
 import os
 import stat
+import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -300,6 +302,32 @@ def _stored(model: Model, options: Mapping[str, Any], result: Result, where: str
     return parameters
 
 
+_fitting = threading.Lock()
+_fits_at_work = 0
+_limits: threadpool_limits | None = None
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """BLAS works with one thread in the block: the order of its sums, and so the last bit, depends on their number.
+
+    It is a setting of the process: of fits in several threads the first makes it and the last takes it back.
+    """
+    global _fits_at_work, _limits
+    with _fitting:
+        if not _fits_at_work:
+            _limits = threadpool_limits(1, user_api="blas")
+        _fits_at_work += 1
+    try:
+        yield
+    finally:
+        with _fitting:
+            _fits_at_work -= 1
+            if not _fits_at_work:
+                assert _limits is not None
+                _limits.restore_original_limits()
+
+
 def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options: Any) -> Fit:
     """Fit ``model`` (a name, an entry or a Model) to a material; ``options`` stand over those of the entry.
 
@@ -325,10 +353,9 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     given = replace(measured, table=table)
     compiling = TimingListener()
     start = time.perf_counter()
-    # The order of sums in BLAS, and so the last bit, depends on its threads.
     with (
         own_faults(model, measured.name),
-        threadpool_limits(1, user_api="blas"),
+        _one_blas_thread(),
         install_listener("numba:compile", compiling),
     ):
         result = _given(entry, model, given) if entry.parameters else model.fit(given, seed=seed, **chosen)

@@ -3,9 +3,13 @@
 import os
 import shutil
 import subprocess
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from brdfatlas.fits import _one_blas_thread
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Stands in for the Python of the virtual environment: notes when each of its steps begins and ends, and whose it is.
@@ -34,3 +38,20 @@ def test_a_second_set_up_waits_for_the_first(tmp_path):
     steps = (tmp_path / "steps").read_text().split("\n")[:-1]
     whose = [step.split()[0] for step in steps]
     assert whose in (sorted(whose), sorted(whose, reverse=True)), "not in turns"
+
+
+def test_fits_at_once_leave_the_threads_of_linear_algebra_as_they_were():
+    """The number of its threads is the process's: the first of two that restores it must not do so under the other,
+    nor the other restore what the first had set."""
+    with threadpool_limits(3, user_api="blas"):
+        first, second = ExitStack(), ExitStack()
+        first.enter_context(_one_blas_thread())
+        second.enter_context(_one_blas_thread())
+        first.close()
+        assert blas_threads() == {1}
+        second.close()
+        assert blas_threads() == {3}
+
+
+def blas_threads():
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
