@@ -65,9 +65,9 @@ def emit(text: str, *, flush: bool = False) -> None:
 
 
 def load(path: str, source: str | None = None) -> Measured | Fit:
-    """A .binary or a fit, whatever the file is; ``source``: the file of a fit's model where it has moved."""
+    """A measured file or a fit, whatever the file is; ``source``: the file of a fit's model where it has moved."""
     check_input(path)
-    return load_fit(path, source) if is_fit_file(path) else read(path)
+    return load_fit(path, source) if is_fit_file(path) else read_aloud(path)
 
 
 def table_of(item: Measured | Fit, path: str) -> np.ndarray:

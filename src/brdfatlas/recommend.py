@@ -204,7 +204,8 @@ def recommend(
 
     ``budget``: at most so many bytes. ``target``: "mitsuba", "materialx" or "gltf", whose own material must be exactly
     the model; only such models are fitted then. ``models``: entries to try, all by default. ``size`` in pixels and
-    ``samples`` a pixel of the pictures. ``progress`` is called with a line after each step.
+    ``samples`` a pixel of the pictures. ``progress`` is called with a line after each step, and before them
+    with what was assumed of the file or looks wrong in it.
 
     Raises ValueError (MeasuredError) for a file that cannot be read, an unknown target or a number out of range,
     TypeError for what is no path or no names, KeyError for an unknown model. A model without a fit for this material
@@ -226,6 +227,8 @@ def recommend(
         raise MeasuredError(
             f"{measured.path or measured.name}: black, no value is above 0; there is nothing to choose by"
         )
+    for warning in measured.provenance.warnings:
+        tell(f"{measured.path or measured.name}: {warning}")
     models = [models] if isinstance(models, str) else MODELS if models is None else models
     entries = [MODELS.entry(name) for name in dict.fromkeys(models)]
     if target is not None:

@@ -222,6 +222,15 @@ def test_what_is_suspicious_is_said(tmp_path, table):
         assert word in warnings if word else not warnings
 
 
+@pytest.mark.parametrize(("first", "told"), [(0, False), (40, False), (100, True), (179, True)])
+def test_a_table_that_is_mostly_not_measured_says_so(tmp_path, table, first, told):
+    table = (table / 4).astype(np.float32)
+    table[:, :, :first] = np.nan
+    write_merl(tmp_path / "s.binary", table)
+    warnings = read_merl(tmp_path / "s.binary").provenance.warnings
+    assert any("of the cells above the horizon were measured" in warning for warning in warnings) == told
+
+
 def test_reversed_numbers_are_suspected(path):
     """Big-endian numbers behind a little-endian header."""
     stored = np.fromfile(path, "<f8", offset=HEADER_BYTES)

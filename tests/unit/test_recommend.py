@@ -39,6 +39,14 @@ def test_the_model_that_made_the_material_wins(found):
         assert word in table
 
 
+def test_what_looks_wrong_in_the_file_is_told_before_any_fit(material):
+    """Of pictures all white or all black every model has a dE00 of 0."""
+    doubted = replace(material, provenance=replace(material.provenance, warnings=("values look unscaled",)))
+    told = []
+    brdfatlas.recommend(doubted, models=["lambert"], progress=told.append, **SMALL)
+    assert "values look unscaled" in told[0]
+
+
 def test_a_budget_leaves_what_fits_in_it(material):
     bound = brdfatlas.recommend(material, models=["lambert", "gltf"], budget=12, **SMALL)
     assert bound.winner.model == "lambert"

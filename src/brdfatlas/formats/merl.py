@@ -25,6 +25,8 @@ HEADER_BYTES = 12
 FILE_BYTES = HEADER_BYTES + 3 * N_CELLS * 8
 SCALE = np.array([1.0, 1.15, 1.66]) / 1500.0
 STANDIN_MARK, RECONSTRUCTED_MARK = -5.0, -6.0
+#: Share of the cells above the horizon below which pictures show more of what was not measured than a reader expects.
+FEW_CELLS = 0.75
 #: Cells of the largest table of another size that is resampled (2 GB in the file).
 MOST_CELLS = 1 << 26
 
@@ -128,6 +130,11 @@ def read(path: str | os.PathLike, *, standin: bool = False) -> Measured:
     elif _interleaved(stored, valid):
         warnings.append(
             "values look interleaved (r g b of a cell side by side), MERL files hold one channel after another"
+        )
+    share = (~np.isnan(table[..., 0])).sum() / above_horizon().sum()
+    if share < FEW_CELLS:
+        warnings.append(
+            f"{100 * share:.3g}% of the cells above the horizon were measured; elsewhere the nearest of them stands in"
         )
     provenance = Provenance(
         format=TITLE,
