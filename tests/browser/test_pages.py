@@ -618,6 +618,11 @@ def test_compare_says_why_a_picture_is_missing(tab, site):
     page.wait_for_function("document.getElementById('message').textContent.includes('no finite fit')")
 
 
+def test_compare_asks_for_no_picture_that_is_not_there(tab, site):
+    tab.open(site.reports / "compare.html", "#m=chrome").wait_for_load_state("networkidle")
+    assert not [fault for fault in tab.faults if "render.webp" in fault]
+
+
 def test_first_bytes_are_few(tab, tmp_path):
     """100 materials x 30 models x 4 scenes: at most 2 MB and 1 s of work before a reader can use the index."""
     from synthetic import make_run, toy_models

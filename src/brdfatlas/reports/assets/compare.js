@@ -277,10 +277,11 @@
       const li = document.createElement("li"), button = make("button", ""), image = make("img", ""), words = make("span", "words"), key = make("kbd", "", i === 0 ? "`" : i <= 9 ? String(i) : "");
       button.type = "button"; button.dataset.model = name;
       button.setAttribute("aria-pressed", String(name === state.b));
-      image.src = `materials/${encodeURIComponent(state.m)}/renders/${encodeURIComponent(state.s)}/${encodeURIComponent(name)}/render.webp`;
+      const failed = name !== "reference" && number(name, "de00_mean") === null;
+      if (!failed) image.src = `materials/${encodeURIComponent(state.m)}/renders/${encodeURIComponent(state.s)}/${encodeURIComponent(name)}/render.webp`;
       image.alt = ""; image.width = image.height = 40; image.loading = "lazy";
-      if (name !== "reference" && number(name, "de00_mean") === null) image.hidden = true;
-      words.append(make("span", "name", titleOf(name)), make("span", "value", name === "reference" ? "" : number(name, "de00_mean") === null ? "failed" : `ΔE00 ${digits(number(name, "de00_mean"), 2)} · FLIP ${digits(number(name, "flip_mean"), 3)} · ${psnr(name)} dB`));
+      image.hidden = failed;
+      words.append(make("span", "name", titleOf(name)), make("span", "value", name === "reference" ? "" : failed ? "failed" : `ΔE00 ${digits(number(name, "de00_mean"), 2)} · FLIP ${digits(number(name, "flip_mean"), 3)} · ${psnr(name)} dB`));
       button.append(image, words, key.textContent ? key : make("span", ""));
       button.addEventListener("click", () => change({ b: name }));
       li.append(button);
