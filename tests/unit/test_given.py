@@ -114,7 +114,7 @@ def test_a_given_row_is_evaluated_and_not_fitted(public):
     assert str(public) in found.report["message"]
     assert np.isnan(found.report["objective"])
     assert found.entry == "mine"
-    assert row.title.endswith("given parameters")
+    assert row.title.endswith("given parameters (mine)")
     wi = wo = np.array([0.0, 0.0, 1.0])
     expected = MODELS["ngan"].evaluate(read_parameters(public, MODELS["ngan"], "my-paint"), wi, wo)
     np.testing.assert_allclose(found.evaluate(wi, wo), expected, rtol=1e-6)

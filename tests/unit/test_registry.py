@@ -42,6 +42,16 @@ def test_stable_names_stand_for_a_class_with_options():
     assert MODELS["low_rank"].name == "low_rank"
 
 
+def test_rows_have_titles_of_their_own(tmp_path):
+    """Pages, tables and the PDF show the title alone."""
+    (tmp_path / "p.csv").write_text("material\n")
+    rows = {"lambert": None, "again": {"model": "lambert"}, "same": {"model": "lambert", "objective": "compressive"}}
+    rows |= {name: {"model": "lambert", "parameters": str(tmp_path / "p.csv")} for name in ("here", "there")}
+    titles = [entry.title for entry in read_entries(write_models(tmp_path, rows)).values()]
+    assert len(set(titles)) == len(titles)
+    assert titles[:2] == ["Lambert", "Lambert (again)"]
+
+
 def test_one_model_stands_twice_with_its_own_title_and_size(tmp_path):
     rows = {"ggx": None, "ggx-2015": {"model": "ggx", "fresnel": "egsr2015"}, "wide": {"model": "low_rank", "rank": 7}}
     entries = read_entries(write_models(tmp_path, rows))

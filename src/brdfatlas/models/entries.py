@@ -49,15 +49,20 @@ class Entry:
 
     @cached_property
     def instance(self) -> Model:
-        """The model with this entry's options for defaults.
+        """The model with this entry's options for defaults, and with a title that no other entry has: where neither
+        options nor published parameters make it one, the entry's name stands behind it.
 
         KeyError for an unknown model, ImportError for a file that cannot be used, ValueError for a wrong option.
         """
-        model = load_model(self.model, self.source).with_options(self.options)
-        if self.parameters:
-            kind = "published" if self.name.endswith(PUBLISHED) else "given parameters"
+        plain = load_model(self.model, self.source)
+        model = plain.with_options(self.options)
+        published = self.name.endswith(PUBLISHED)
+        named = self.name != self.model and (not published if self.parameters else model.title == plain.title)
+        kind = ", published" if published else ", given parameters"
+        title = f"{model.title}{kind if self.parameters else ''}{f' ({self.name})' if named else ''}"
+        if title != model.title:
             model = copy(model)
-            vars(model)["title"] = f"{model.title}, {kind}"
+            vars(model)["title"] = title
         return model
 
     @property
