@@ -20,13 +20,8 @@ from brdfatlas import read_merl
 from brdfatlas.fits import fit
 from brdfatlas.measured import Measured
 from brdfatlas.models import MODELS
-from brdfatlas.models.three_lobe.base import (
-    LobeModel,
-    LobeProblem,
-    grid_factors,
-    lobe_columns,
-    objective_weights,
-)
+from brdfatlas.models.three_lobe.base import LobeModel, LobeProblem, grid_factors, lobe_columns
+from brdfatlas.objectives import graded_weights
 from brdfatlas.pipeline.standins import write_standin
 from brdfatlas.solvers.least_squares import fit_separable, latin_starts
 
@@ -36,7 +31,7 @@ YARDSTICK = "cook_torrance"
 
 def plain(model: LobeModel, measured: Measured) -> tuple[float, float, bool]:
     """CPU seconds, objective and whether it converged: scipy, finite differences, every sample a residual."""
-    weights = objective_weights(measured.table, "compressive", np.deg2rad(80.0), 0.02)
+    weights = graded_weights(measured.table, "compressive", np.deg2rad(80.0), 0.02)
     lower, upper = model.box("low"), model.box("high")
     starts = latin_starts(192, model.box("first"), model.box("last"), 0)
     begun = fit_separable(LobeProblem(model, measured.table, weights), starts, lower, upper, follow=1, max_iterations=0)
