@@ -101,6 +101,14 @@ def stamps(paths: Iterable[str | os.PathLike]) -> dict[str, str]:
     return found
 
 
+def digest_of(*arrays: np.ndarray) -> str:
+    """SHA-256 of the values of arrays, one after another."""
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
 def _target(path: str | os.PathLike) -> Path:
     """Where writing to ``path`` goes: through links, and only to a regular file or a new one. FileFault if neither."""
     check_path(path)

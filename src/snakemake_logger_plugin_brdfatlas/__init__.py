@@ -17,8 +17,8 @@ from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
 LOG = Path("results") / "progress.log"
-#: Rules whose finished jobs say how far materials and models are, with the word for them.
-STAGES = {"write_material_page": "materials", "fit_model": "fits", "render_material": "renders"}
+#: What the names of rules begin with whose finished jobs say how far materials and models are; the word for them.
+STAGES = {"write_material_page": "materials", "fit_": "fits", "render_material": "renders"}
 
 
 class LogHandler(LogHandlerBase):
@@ -75,9 +75,12 @@ class LogHandler(LogHandlerBase):
         """The state of the run in one line."""
         done, total, elapsed = sum(self.done.values()), sum(self.totals.values()), self.now - self.start
         parts = [f"{done} of {total} jobs"]
-        parts += [
-            f"{word} {self.done[rule]} of {self.totals[rule]}" for rule, word in STAGES.items() if rule in self.totals
-        ]
+        for start, word in STAGES.items():
+            rules = [rule for rule in self.totals if rule.startswith(start)]
+            if rules:
+                parts.append(
+                    f"{word} {sum(self.done[rule] for rule in rules)} of {sum(self.totals[rule] for rule in rules)}"
+                )
         if done and elapsed > 0:
             parts.append(f"{60 * done / elapsed:.1f} jobs a minute")
         if self.failed:

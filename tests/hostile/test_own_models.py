@@ -135,7 +135,8 @@ def test_in_a_run_the_fit_fails_and_not_the_job(linked, tmp_path, capsys, what):
     linked("measured.binary")
     (tmp_path / "model.py").write_text(WHILE_FITTING[what])
     paths = [str(tmp_path / name) for name in ("model.py", "measured.binary", "out.npz", "out.json")]
-    fit_job(Entry("mine", "mine", source=paths[0]).plain, 0, paths[1], False, *paths[2:])
+    entry = Entry("mine", "mine", source=paths[0])
+    fit_job([entry.plain], 0, paths[1], False, {"mine": paths[2:]}, {"mine": ""})
     report = json.loads((tmp_path / "out.json").read_text())
     assert report["status"] == "failed"
     assert "\n" not in report["reason"]

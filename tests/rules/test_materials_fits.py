@@ -1,4 +1,4 @@
-"""Rules make_standin, describe_material, record_run, fit_model, check_failures, each alone."""
+"""Rules make_standin, describe_material, record_run, fit_dupuy2015, check_failures, each alone."""
 
 import json
 
@@ -29,8 +29,8 @@ def test_record_run(run_rule):
     assert [item["name"] for item in run["inputs"]] == ["pink-felt", "chrome"]
 
 
-def test_fit_model(run_rule, finished_run):
-    fitted = load_fit(run_rule("fit_model", "results/fits/pink-felt/ggx.npz"))
+def test_fit_models(run_rule, finished_run):
+    fitted = load_fit(run_rule("fit_dupuy2015", "results/fits/pink-felt/ggx.npz"))
     report = json.loads((finished_run.root / "results/fits/pink-felt/ggx.json").read_text())
     measured = read_merl(finished_run.root / "results/standins/pink-felt.binary", standin=True)
     assert (fitted.model, fitted.material, fitted.standin) == ("ggx", "pink-felt", True)

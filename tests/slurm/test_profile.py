@@ -23,7 +23,7 @@ def on_slurm(slurm, tmp_path_factory, new_project):
     project.configure(**SMALL)
     path = project.root / "workflow" / "profiles" / "slurm" / "config.yaml"
     profile = yaml.safe_load(path.read_text())
-    profile["set-resources"]["fit_model"]["mem_mb"] = "60 if attempt == 1 else 2500"
+    profile["set-resources"]["fit_dupuy2015"] = {"mem_mb": "60 if attempt == 1 else 2500"}
     path.write_text(yaml.safe_dump(profile))
     done = project.snakemake(*PROFILE, "--", TARGET)
     return project, done.stdout

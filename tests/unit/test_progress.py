@@ -45,6 +45,13 @@ def test_time_left_is_jobs_times_the_mean_of_their_rule(run):
     assert f"{3 / 16 * 60:.1f} jobs a minute" in run.progress.line()
 
 
+def test_the_rules_of_all_papers_count_as_fits(run):
+    run.send("run_info", stats={"fit_dupuy2015": 2, "fit_own_mine": 2, "total": 4})
+    run.job(1, "fit_dupuy2015", 2.0)
+    run.job(2, "fit_own_mine", 2.0)
+    assert "2 of 4 jobs, fits 2 of 4" in run.progress.line()
+
+
 def test_jobs_that_ran_beside_each_other_share_what_is_left(run):
     run.send("run_info", stats={"fit_model": 12, "total": 12})
     for first in (1, 3):

@@ -102,7 +102,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason=
 def test_a_killed_job_is_run_again(finished, undisturbed, differences):
     remove(finished, f"{FIT}.npz", f"{FIT}.json", ERRORS)
     with running(finished, *TARGET) as process:
-        for job in wait_for(lambda: jobs_of(finished, "fit_model.py"), process):
+        for job in wait_for(lambda: jobs_of(finished, "fit_models.py"), process):
             os.kill(job, signal.SIGKILL)
         assert process.wait(300) != 0
     assert not (finished.root / f"{FIT}.json").exists()
@@ -240,5 +240,5 @@ def test_failures_stop_nothing_but_are_told_in_report_and_exit_status(undisturbe
     # An older file of the same size in the place of a measured one: nothing of the first stays.
     os.utime(merl / "felt.binary", ns=(0, 0))
     planned = project.planned()
-    assert planned["fit_model"] == 2
+    assert planned["fit_dupuy2015"] == planned["fit_own_broken"] == 1
     assert planned["render_material"] == planned["measure_errors"] == planned["write_material_page"] == 1

@@ -49,8 +49,8 @@ def test_a_lost_leaf_costs_itself(finished_run, lost, name):
 @pytest.mark.parametrize(
     ("name", "rule"),
     [
-        ("results/fits/chrome/ggx.npz", "fit_model"),
-        ("results/fits/chrome/ggx.json", "fit_model"),
+        ("results/fits/chrome/ggx.npz", "fit_dupuy2015"),
+        ("results/fits/chrome/ggx.json", "fit_dupuy2015"),
         ("results/renders/chrome/ggx/studio_sphere.exr", "render_material"),
         ("results/materials/chrome.json", "describe_material"),
         ("results/pictures/chrome.json", "draw_pictures"),
@@ -61,7 +61,7 @@ def test_a_lost_intermediate_costs_one_job_of_its_kind_and_what_is_made_of_it(fi
     planned = finished_run.planned()
     assert planned[rule] == 1
     assert not planned.keys() & {"make_standin", "prepare_scene", "write_assets"}
-    assert planned.get("fit_model", 0) == (rule == "fit_model")
+    assert planned.get("fit_dupuy2015", 0) == (rule == "fit_dupuy2015")
     assert planned.get("write_material_page", 0) <= 2
 
 

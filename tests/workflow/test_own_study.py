@@ -27,7 +27,7 @@ def test_a_study_takes_its_own_data_model_and_scene_and_the_rest_from_the_packag
         return study.snakemake(*SETTINGS, *arguments)
 
     jobs = study.jobs(snakemake("--dry-run").stdout)
-    assert jobs["fit_model"] == 2
+    assert jobs["fit_dupuy2015"] == jobs["fit_own_lambertian"] == 1
     assert jobs["prepare_scene"] == jobs["render_material"] == jobs["write_index"] == 1
     snakemake("--", "reports/materials/mine.html")
     measured = read(study.root / "data" / "measured" / "mine.binary")

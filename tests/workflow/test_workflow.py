@@ -27,18 +27,19 @@ def test_lint_is_clean(project):
     assert "Congratulations" in project.snakemake("--lint").stdout
 
 
-def test_dry_run_plans_a_fit_per_material_and_model_and_all_renders_of_a_scene_at_once(project):
+def test_dry_run_plans_a_job_a_material_and_paper_and_all_renders_of_a_scene_at_once(project):
+    project.configure(models=["ggx", "gaussian", "ward"])
     planned = project.planned()
     assert planned["make_standin"] == 2
-    assert planned["fit_model"] == 4
+    assert planned["fit_dupuy2015"] == planned["fit_three_lobe"] == 2
     assert planned["render_material"] == 2
 
 
 def test_the_main_process_looks_for_work_when_a_job_ends_and_at_no_other_time(project):
     """Snakemake's limit of jobs a second would let it look once a second more with every job that has ended."""
-    said = project.snakemake("--verbose", "--until", "fit_model").stdout
+    said = project.snakemake("--verbose", "--until", "fit_dupuy2015").stdout
     ended = said.count("Finished jobid")
-    assert ended == 6
+    assert ended == 4  # two stand-ins, two fits
     assert said.count("Ready jobs: ") <= ended + 2
 
 
@@ -88,7 +89,7 @@ def test_a_models_source_refits_that_model_only(finished_run):
         planned = finished_run.planned()
     finally:
         restore()
-    assert planned["fit_model"] == 2
+    assert planned["fit_dupuy2015"] == 2
     assert planned["render_material"] == 2
     assert not {"make_standin", "describe_material", "prepare_scene"} & planned.keys()
     assert finished_run.planned() == {}
@@ -114,7 +115,7 @@ def test_a_shared_solver_refits_what_uses_it(finished_run):
         planned = finished_run.planned()
     finally:
         restore()
-    assert planned["fit_model"] == 4
+    assert planned["fit_dupuy2015"] == 2
 
 
 def test_the_error_measures_rerun_errors_but_no_fit_and_no_render(finished_run):
@@ -123,7 +124,7 @@ def test_the_error_measures_rerun_errors_but_no_fit_and_no_render(finished_run):
         planned = finished_run.planned()
     finally:
         restore()
-    assert "fit_model" not in planned
+    assert not any(name.startswith("fit_") for name in planned)
     assert "render_material" not in planned
     assert any(name.startswith("measure") for name in planned)
 
@@ -141,14 +142,14 @@ def with_config(run, **changes):
 
 def test_a_new_model_costs_that_model_only(finished_run):
     planned = with_config(finished_run, models=["ggx", "gaussian", "tabulated"])
-    assert planned["fit_model"] == 2
+    assert planned["fit_dupuy2015"] == 2
     assert planned["render_material"] == 2
 
 
 def test_a_new_material_costs_that_material_only(finished_run):
     planned = with_config(finished_run, materials=["pink-felt", "chrome", "nylon"])
     assert planned["make_standin"] == 1
-    assert planned["fit_model"] == 2
+    assert planned["fit_dupuy2015"] == 1
     assert planned["render_material"] == 1
     assert planned["write_material_page"] == 2, "its own, and that of chrome, which links to it"
     assert planned["draw_pictures"] == planned["draw_figures"] == 1
@@ -172,7 +173,7 @@ def test_a_new_scene_fits_nothing(finished_run):
     scenes = list(yaml.safe_load((finished_run.root / "config" / "scenes.yaml").read_text()))
     other = next(name for name in scenes if name != "studio_sphere")
     planned = with_config(finished_run, scenes=["studio_sphere", other])
-    assert "fit_model" not in planned
+    assert not any(name.startswith("fit_") for name in planned)
     assert planned["prepare_scene"] == 1
     assert planned["render_material"] == 2
 
@@ -187,7 +188,7 @@ def test_an_option_of_a_model_refits_that_model_only(finished_run):
         planned = finished_run.planned()
     finally:
         path.write_text(old)
-    assert planned["fit_model"] == 2
+    assert planned["fit_dupuy2015"] == 2
 
 
 def test_materials_are_finished_one_after_another(finished_run):

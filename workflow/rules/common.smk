@@ -65,6 +65,11 @@ for name in list(MODELS):
 # The rows of the run, for every job that says more of a model than its name.
 ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
 name_sources(ALL_ENTRIES.values())
+# Paper or family -> the rows of the run that one job fits. A job a row would spend more on its start than on its fit.
+FAMILIES = {
+    family: [name for name in MODELS if ALL_ENTRIES[name].family == family]
+    for family in dict.fromkeys(ALL_ENTRIES[name].family for name in MODELS)
+}
 
 BINARIES = {material.name: material.binary for material in FOUND}
 # Files of other formats than MERL are put on the grid once; jobs read the result.
@@ -110,9 +115,14 @@ def growing(amount):
     return lambda wildcards, attempt: attempt * round(amount)
 
 
-def parameters_of(wildcards):
-    """The file of an entry's given parameters, if it has any."""
-    return ALL_ENTRIES[wildcards.model].parameters or []
+def parameters_of(names):
+    """The files of given parameters that entries have."""
+    return sorted({ALL_ENTRIES[name].parameters for name in names} - {None})
+
+
+def provenance_of_fit(name):
+    """What a fit of an entry is made of."""
+    return provenance(ALL_ENTRIES[name].module, "brdfatlas.pipeline.jobs", libraries=FITTING)
 
 
 def binary_of(wildcards):
@@ -197,7 +207,7 @@ def lost(wildcards):
         for name in MATERIALS
         if any(os.path.exists(f"results/{kind}/{name}") for kind in ("fits", "renders", "errors"))
     ]
-    files = made_by(rules.fit_model, material=begun, model=MODELS)
+    files = expand("results/fits/{material}/{model}.{kind}", material=begun, model=MODELS, kind=("npz", "json"))
     files += made_by(rules.render_material, material=begun, scene=SCENES)
     return [file for file in files if not os.path.exists(file)]
 

@@ -1,33 +1,35 @@
-# material x model --> a fit (npz) and its report (json). A failed fit is reported, not raised.
+# (material, paper) --> for each model of the paper a fit (npz) and its report (json), by a rule a paper: fit_dupuy2015,
+# fit_bagher2016 ... A model of a user's own has its own rule. A failed fit is reported, not raised; one that is still
+# right is kept, so a new model costs itself only.
+for family, names in FAMILIES.items():
 
-
-rule fit_model:
-    input:
-        binary=binary_of,
-        parameters=parameters_of,
-    output:
-        fit="results/fits/{material}/{model}.npz",
-        report="results/fits/{material}/{model}.json",
-    log:
-        "results/logs/fit_model/{material}/{model}.log",
-    benchmark:
-        "results/benchmarks/fit_model/{material}/{model}.tsv"
-    priority: first_material_first
-    resources:
-        mem_mb=1000,
-        runtime=20,
-    params:
-        planned=lambda wildcards: planned(wildcards) | stamps(filter(None, [parameters_of(wildcards)])),
-        provenance=lambda wildcards: provenance(
-            ALL_ENTRIES[wildcards.model].module, "brdfatlas.pipeline.jobs", libraries=FITTING
-        ),
-        entry=lambda wildcards: ALL_ENTRIES[wildcards.model].plain,
-        seed=config["seed"],
-        standin=lambda wildcards: wildcards.material in STANDINS,
-    message:
-        "fitting {wildcards.model} to {wildcards.material}"
-    script:
-        "../scripts/fit_model.py"
+    rule:
+        name:
+            f"fit_{family}"
+        input:
+            binary=binary_of,
+            parameters=parameters_of(names),
+        output:
+            fits=[update(f"results/fits/{{material}}/{name}.npz") for name in names],
+            reports=[update(f"results/fits/{{material}}/{name}.json") for name in names],
+        log:
+            f"results/logs/fit_{family}/{{material}}.log",
+        benchmark:
+            f"results/benchmarks/fit_{family}/{{material}}.tsv"
+        priority: first_material_first
+        resources:
+            mem_mb=growing(1500),
+            runtime=growing(30),
+        params:
+            planned=lambda wildcards, names=names: planned(wildcards) | stamps(parameters_of(names)),
+            provenance=lambda wildcards, names=names: {name: provenance_of_fit(name) for name in names},
+            entries=[ALL_ENTRIES[name].plain for name in names],
+            seed=config["seed"],
+            standin=lambda wildcards: wildcards.material in STANDINS,
+        message:
+            f"fitting {', '.join(names)} to {{wildcards.material}}"
+        script:
+            "../scripts/fit_models.py"
 
 
 rule check_failures:

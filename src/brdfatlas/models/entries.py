@@ -85,6 +85,12 @@ class Entry:
         return self.source or BUILTIN.get(self.model) or inspect.getfile(type(self.instance))
 
     @property
+    def family(self) -> str:
+        """Whose models are fitted together: the paper or family that has the class; one from outside is its own."""
+        module = "" if self.source else BUILTIN.get(self.model, "")
+        return module.split(".")[2] if module else f"own_{self.name}"
+
+    @property
     def plain(self) -> dict[str, Any]:
         """The entry as plain values: ``Entry(**entry.plain)`` is the entry again."""
         return asdict(self)

@@ -1,16 +1,20 @@
-"""The body of a fit's job."""
+"""The body of a job that fits the models of one paper to one material."""
 
+import hashlib
+import json
+import os
 import sys
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from brdfatlas.constants import ABSENT
-from brdfatlas.files import write_json
-from brdfatlas.fits import describe_fit, fit
+from brdfatlas.files import digest_of, read_record, write_json
+from brdfatlas.fits import describe_fit, fit, load_reported
 from brdfatlas.formats.reader import read
+from brdfatlas.measured import Measured
 from brdfatlas.measures.physics import physics_checks
 from brdfatlas.models import Entry
 from brdfatlas.models.given import why_no_row
@@ -20,54 +24,76 @@ MACHINE_FAULTS = (MemoryError, OSError, KeyboardInterrupt)
 
 
 def fit_job(
-    entry: Mapping[str, Any],
+    entries: Sequence[Mapping[str, Any]],
     seed: int,
     binary: str,
     standin: bool,
-    fit_path: str,
-    report_path: str,
+    outputs: Mapping[str, tuple[str, str]],
+    provenance: Mapping[str, str],
 ) -> None:
-    """Fit an entry (``Entry.plain``) to one material and write the fit and its report.
+    """Fit entries (``Entry.plain``) to one material and write each one's fit and report, ``outputs``: name -> (fit,
+    report). A fit whose fingerprint is still right is kept; ``provenance``: name -> what its code is made of
+    (:func:`brdfatlas.pipeline.provenance.provenance`).
 
     A model that fails does not stop the run: its report says "failed" and why, its fit file is an empty mark. So does
     an entry of given parameters that has none for this material, which is no failure: its report says "absent". Faults
     of the machine (memory, disk) are raised: the job fails and the next run tries again.
     """
-    row = Entry(**entry)
     measured = read(binary, standin=standin)
-    start = time.perf_counter()
+    content = [digest_of(measured.table), measured.name, standin, seed]
+    for entry in entries:
+        row = Entry(**entry)
+        fit_path, report_path = outputs[row.name]
+        given = hashlib.sha256(Path(row.parameters).read_bytes()).hexdigest() if row.parameters else ""
+        told = [*content, row.plain, given, provenance[row.name]]
+        fingerprint = hashlib.sha256(json.dumps(told).encode()).hexdigest()
+        if _keep(fit_path, report_path, fingerprint):
+            print(f"{fit_path}: kept")
+            continue
+        report = _report_of(row, measured, seed, fit_path)
+        write_json(report_path, report | {"fingerprint": fingerprint})
+        print(f"{fit_path}: {report['status']}")
+
+
+def _keep(fit_path: str, report_path: str, fingerprint: str) -> bool:
+    """Whether a fit and its report are there, whole and still right; they then get a fresh time stamp. One that failed
+    is tried again."""
+    try:
+        report = read_record(report_path, "status", "fingerprint")
+        if report["status"] != "ok" or report["fingerprint"] != fingerprint:
+            return False
+        load_reported(fit_path, report)
+    except (OSError, ValueError):
+        return False
+    for path in (fit_path, report_path):
+        os.utime(path)
+    return True
+
+
+def _report_of(row: Entry, measured: Measured, seed: int, fit_path: str) -> dict[str, Any]:
+    """Fit one entry, write its fit and return its report."""
+    labels = {"entry": row.name, "model": row.model, "material": measured.name, "standin": measured.standin}
     absent = row.parameters and why_no_row(row.name, row.parameters, measured.name, standin=measured.standin)
     if absent:
         print(f"{row.name} on {measured.name}: no row, {absent}", file=sys.stderr)
         _write_mark(fit_path)
-        labels = {"entry": row.name, "model": row.model, "material": measured.name, "standin": measured.standin}
-        write_json(report_path, {"status": ABSENT, "reason": absent, **labels})
-        return
+        return {"status": ABSENT, "reason": absent, **labels}
+    start = time.perf_counter()
     try:
         fitted = fit(row, measured, seed=seed)
         table = fitted.table()
         report = describe_fit(fitted, measured, table) | {"physics": physics_checks(fitted, table)}
         fitted.save(fit_path)
+        return report
     except MACHINE_FAULTS:
         raise
     except Exception as error:
         traceback.print_exc()
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         print(f"{row.name} on {measured.name} failed: {reason}", file=sys.stderr)
-        report = {
-            "status": "failed",
-            "reason": reason,
-            "entry": row.name,
-            "model": row.model,
-            "material": measured.name,
-            "standin": measured.standin,
-            "options": dict(row.options),
-            "seed": seed,
-            "seconds": time.perf_counter() - start,
-            "bytes": row.bytes,
-        }
         _write_mark(fit_path)
-    write_json(report_path, report)
+        told = {"options": dict(row.options), "seed": seed, "seconds": time.perf_counter() - start, "bytes": row.bytes}
+        return {"status": "failed", "reason": reason, **labels, **told}
 
 
 def _write_mark(fit_path: str) -> None:

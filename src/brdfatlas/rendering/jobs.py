@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
-from brdfatlas.files import read_record
+from brdfatlas.files import digest_of, read_record
 from brdfatlas.fits import Fit, is_fit_file, load_fit, load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
@@ -320,7 +320,7 @@ def _labels(
     """What the EXR of a picture says beside its pixels; ``fingerprint`` covers all that they depend on, ``chosen`` with
     it."""
     failed = fitted and table is None
-    content = _digest(measured.table if table is None else table, measured.table)
+    content = digest_of(measured.table if table is None else table, measured.table)
     told = [scene.digest(), content, measured.name, scene.name, name == REFERENCE_AGAIN, failed, *chosen]
     fingerprint = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     labels = {"material": measured.name, "model": name, "standin": str(measured.standin).lower()}
@@ -346,10 +346,3 @@ def _keep(path: str, labels: Mapping[str, str]) -> bool:
         save_render(path, replace(old, meta=dict(old.meta) | dict(labels)))
     os.utime(path)
     return True
-
-
-def _digest(*arrays: np.ndarray) -> str:
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()

@@ -1,0 +1,127 @@
+"""A job fits the models of a paper to a material; what is still right of an earlier job is kept."""
+
+import json
+import os
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from brdfatlas import load_fit
+from brdfatlas.formats.merl import write_merl
+from brdfatlas.models import Entry, read_entries
+from brdfatlas.models.loading import BUILTIN
+from brdfatlas.pipeline.jobs import fit_job
+from brdfatlas.pipeline.standins import make_standin
+from brdfatlas.settings import CONFIG
+
+NAMES = ("ggx", "gaussian")
+CODE = {name: f"code of {name}" for name in NAMES}
+
+
+@pytest.fixture(scope="module")
+def material():
+    return make_standin("pink-felt")
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, material):
+    """A folder in which the job has run once."""
+    folder = tmp_path_factory.mktemp("done")
+    write_merl(folder / "felt.binary", material.table)
+    run(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(done, tmp_path):
+    """A copy of it, every file old."""
+    shutil.copytree(done, tmp_path, dirs_exist_ok=True)
+    for path in tmp_path.iterdir():
+        os.utime(path, (1e9, 1e9))
+    return tmp_path
+
+
+def run(folder, code=CODE, seed=0, **options):
+    """The job; returns the names that were fitted, not kept. ``options``: name -> options of an entry."""
+    entries = [Entry(name, name, options.get(name, {})).plain for name in NAMES]
+    outputs = {name: tuple(str(folder / f"{name}.{kind}") for kind in ("npz", "json")) for name in NAMES}
+    old = {name: report_of(folder, name) for name in NAMES}
+    fit_job(entries, seed, str(folder / "felt.binary"), False, outputs, code)
+    for paths in outputs.values():
+        for path in paths:
+            assert os.stat(path).st_mtime > 1e9, "Snakemake would make it again"
+    return {name for name in NAMES if report_of(folder, name) != old[name]}  # seconds differ from fit to fit
+
+
+def report_of(folder, name):
+    path = folder / f"{name}.json"
+    return path.read_bytes() if path.exists() else b""
+
+
+def test_nothing_is_fitted_again_that_is_still_right(folder):
+    content = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert run(folder) == set()
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == content
+
+
+@pytest.mark.parametrize(
+    ("change", "again"),
+    [
+        ({"code": CODE | {"ggx": "another"}}, {"ggx"}),
+        ({"ggx": {"fresnel": "egsr2015"}}, {"ggx"}),
+        ({"seed": 1}, set(NAMES)),
+    ],
+)
+def test_a_change_costs_what_it_changes(folder, change, again):
+    assert run(folder, **change) == again
+    assert load_fit(folder / "ggx.npz").options["fresnel"] == change.get("ggx", {}).get("fresnel", "corrected")
+
+
+def test_another_material_costs_all(folder, material):
+    write_merl(folder / "felt.binary", 2 * material.table)
+    assert run(folder) == set(NAMES)
+
+
+def truncate(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda folder: (folder / "ggx.npz").unlink(),
+        lambda folder: (folder / "ggx.json").unlink(),
+        lambda folder: truncate(folder / "ggx.npz"),
+        lambda folder: truncate(folder / "ggx.json"),
+        lambda folder: (folder / "ggx.npz").write_bytes(b""),
+        lambda folder: shutil.copy(folder / "gaussian.npz", folder / "ggx.npz"),
+        lambda folder: (folder / "ggx.json").write_text(
+            json.dumps(json.loads(report_of(folder, "ggx")) | {"status": "failed"})
+        ),
+    ],
+    ids=["fit lost", "report lost", "fit cut off", "report cut off", "mark of a failure", "another fit", "failed"],
+)
+def test_a_fault_is_repaired_by_the_job_alone(done, folder, damage):
+    damage(folder)
+    assert run(folder) == {"ggx"}
+    assert (folder / "ggx.npz").read_bytes() == (done / "ggx.npz").read_bytes()
+
+
+def test_a_row_of_given_parameters_follows_its_file(folder):
+    row, code = Entry("mine", "ngan", parameters=str(folder / "mine.csv")), {"mine": ""}
+    paths = {"mine": (str(folder / "mine.npz"), str(folder / "mine.json"))}
+    for kd in (0.1, 0.2):
+        header = "material,kd_r,kd_g,kd_b,ks_1,ks_2,ks_3,f0,m"
+        (folder / "mine.csv").write_text(f"{header}\nfelt,{kd},{kd},{kd},0.1,0.05,0.02,0.2,0.1\n")
+        fit_job([row.plain], 0, str(folder / "felt.binary"), False, paths, code)
+        assert load_fit(folder / "mine.npz").parameters["kd"] == pytest.approx(kd)
+
+
+def test_the_models_of_a_paper_are_one_family_and_one_of_a_user_s_own_is_alone():
+    entries = read_entries(CONFIG / "models.yaml")
+    rooms = {name: module.split(".")[2] for name, module in BUILTIN.items()}
+    assert all(entry.family == rooms[entry.model] for entry in entries.values())
+    own = replace(entries["ggx"], name="mine", source="examples/lambertian.py")
+    assert own.family == "own_mine"
+    assert own.family not in rooms.values()
