@@ -33,8 +33,8 @@ ENDINGS = {
 _OTHER_ENDINGS = (".astm", ".bsdf", ".csv", ".glb", ".hdr", ".html", ".jpeg", ".jpg", ".md", ".npy", ".obj", ".pdf")
 _OTHER_ENDINGS += (".pfm", ".ply", ".py", ".rgbe", ".toml", ".tsv", ".txt", ".webp", ".yaml", ".yml", ".zip")
 _COMMENTS = rb"(\s*<!--((?!-->).)*-->)*?\s*<!-- written by: brdfatlas "
-#: Bytes from which our marks are told.
-_HEAD_BYTES = 4096
+#: Bytes from which a format is told, and our marks.
+HEAD_BYTES = 4096
 #: How a file begins that we wrote, by its ending.
 _MARKS = {
     ".exr": rb"v/1\x01.*?brdfatlas:\w+\0string\0",
@@ -163,7 +163,7 @@ def ours(path: str | os.PathLike, kind: str) -> bool:
     other may be a measurement.
     """
     with open(path, "rb") as handle:
-        head = handle.read(_HEAD_BYTES)
+        head = handle.read(HEAD_BYTES)
         if not head:
             return True
         if kind == "fit":
@@ -177,7 +177,7 @@ def ours(path: str | os.PathLike, kind: str) -> bool:
 def json_of(path: str | os.PathLike) -> str:
     """What a regular file holds that is a JSON of ours: "fit", "sampler" or "recommendation"; "" for any other."""
     with open(path, "rb") as handle:
-        found = re.match(_MARKS[".json"], handle.read(_HEAD_BYTES))
+        found = re.match(_MARKS[".json"], handle.read(HEAD_BYTES))
     return found[1].decode("ascii") if found else ""
 
 

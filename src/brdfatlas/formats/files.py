@@ -13,8 +13,6 @@ from brdfatlas.measured import MeasuredError
 
 #: Larger values, in 1/sr, are no reflectance: a mirror within one MERL cell has about 1e6.
 MAX_VALUE = 1e9
-#: Bytes from which a format is told.
-HEAD_BYTES = 4096
 
 
 def size_of(path: str | os.PathLike) -> int:

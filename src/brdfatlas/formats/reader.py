@@ -9,9 +9,9 @@ import os
 from dataclasses import replace
 from types import ModuleType
 
-from brdfatlas.files import ours
+from brdfatlas.files import HEAD_BYTES, ours
 from brdfatlas.formats import merl, rgl, spectral, stored, tables
-from brdfatlas.formats.files import HEAD_BYTES, read_bytes, size_of
+from brdfatlas.formats.files import read_bytes, size_of
 from brdfatlas.measured import Measured, MeasuredError
 
 FORMATS = (stored, rgl, merl, tables, spectral)

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas.files import atomic_path
+from brdfatlas.files import HEAD_BYTES, atomic_path
 from brdfatlas.formats import spectral
-from brdfatlas.formats.files import HEAD_BYTES, check_values, numbers, read_bytes, read_text
+from brdfatlas.formats.files import check_values, numbers, read_bytes, read_text
 from brdfatlas.formats.scattered import Samples, checked, on_sphere, to_measured
 from brdfatlas.measured import KINDS, MEASURED, Measured, MeasuredError
 
