@@ -123,15 +123,16 @@ def read(path: str | os.PathLike, *, standin: bool = False) -> Measured:
     if valid == 0:
         raise MeasuredError(f"{path}: no valid cell, every sample is negative or below the horizon")
     warnings = [] if order == "<" else ["the header is big-endian; the file is read so"]
-    table = table.reshape(*shape, 3)
+    table, measured = table.reshape(*shape, 3), valid
     if shape != GRID_SHAPE:
         table, told = _on_grid(table)
+        measured = int((~np.isnan(table[..., 0])).sum())
         warnings.append(told)
     elif _interleaved(stored, valid):
         warnings.append(
             "values look interleaved (r g b of a cell side by side), MERL files hold one channel after another"
         )
-    share = (~np.isnan(table[..., 0])).sum() / above_horizon().sum()
+    share = measured / above_horizon().sum()
     if share < FEW_CELLS:
         warnings.append(
             f"{100 * share:.3g}% of the cells above the horizon were measured; elsewhere the nearest of them stands in"
