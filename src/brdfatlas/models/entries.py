@@ -49,21 +49,29 @@ class Entry:
 
     @cached_property
     def instance(self) -> Model:
-        """The model with this entry's options for defaults, and with a title that no other entry has: where neither
-        options nor published parameters make it one, the entry's name stands behind it.
+        """The model with this entry's options for defaults, and with a title that no other entry has.
 
         KeyError for an unknown model, ImportError for a file that cannot be used, ValueError for a wrong option.
         """
         plain = load_model(self.model, self.source)
         model = plain.with_options(self.options)
-        published = self.name.endswith(PUBLISHED)
-        named = self.name != self.model and (not published if self.parameters else model.title == plain.title)
-        kind = ", published" if published else ", given parameters"
-        title = f"{model.title}{kind if self.parameters else ''}{f' ({self.name})' if named else ''}"
+        title = self._title(model.title, plain.title)
         if title != model.title:
             model = copy(model)
             vars(model)["title"] = title
         return model
+
+    def _title(self, told: str, plain: str) -> str:
+        """``told``, the title of the model with this entry's options, and what makes it the entry's own; ``plain``:
+        that without options. Where neither options nor published parameters tell rows apart, the entry's name does."""
+        name = "" if self.name == self.model else f" ({self.name})"
+        if self.parameters and self.name.endswith(PUBLISHED):
+            return f"{told}, published"
+        if self.parameters:
+            return f"{told}, given parameters{name}"
+        if told == plain:
+            return f"{told}{name}"
+        return told
 
     @property
     def title(self) -> str:
