@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 #: Targets that ``target`` may name: materials that hold a model exactly.
 TARGETS = ("mitsuba", "materialx", "gltf")
-SCENE = "studio_sphere"
+SCENE, BATCHES = "studio_sphere", 8
 #: Ending of a file of a recommendation -> its kind.
 KINDS = {ending: kind for kind, endings in ENDINGS.items() for ending in endings}
 PICTURE, TABLE = "side-by-side.png", "recommendation.json"
@@ -204,18 +204,20 @@ def recommend(
 
     ``budget``: at most so many bytes. ``target``: "mitsuba", "materialx" or "gltf", whose own material must be exactly
     the model; only such models are fitted then. ``models``: entries to try, all by default. ``size`` in pixels and
-    ``samples`` a pixel of the pictures. ``progress`` is called with a line after each step, and before them
+    ``samples`` a pixel, 8 or more, of the pictures. ``progress`` is called with a line after each step, and before them
     with what was assumed of the file or looks wrong in it.
 
     Raises ValueError (MeasuredError) for a file that cannot be read, an unknown target or a number out of range,
     TypeError for what is no path or no names, KeyError for an unknown model. A model without a fit for this material
     has a row with the reason.
     """
+    from brdfatlas.rendering.scenes import check_settings
+
     if target is not None and target not in TARGETS:
         raise ValueError(f"unknown target {target!r}; known targets: {', '.join(TARGETS)}")
-    for name, value in {"processes": processes, "size": size, "samples": samples}.items():
-        if not isinstance(value, int | np.integer) or value < 1:
-            raise ValueError(f"{name} {value!r}: a whole number from 1 is wanted")
+    if not isinstance(processes, int | np.integer) or processes < 1:
+        raise ValueError(f"processes {processes!r}: a whole number from 1 is wanted")
+    check_settings(size, samples, BATCHES, where="")
     if budget is not None and not (isinstance(budget, int | float | np.number) and budget >= 0):
         raise ValueError(f"budget {budget!r}: a number of bytes from 0 is wanted")
     if models is not None and (isinstance(models, bytes) or not isinstance(models, Iterable)):
@@ -337,7 +339,7 @@ def _render(
             tables[name] = table
         else:
             bad[name] = "the fit is not finite where the material was measured"
-    renders = render_models(scene, measured, tables, samples=samples, seed=seed)
+    renders = render_models(scene, measured, tables, samples=samples, batches=BATCHES, seed=seed)
     return renders, Tone(float(definition["exposure"]), float(definition["gamma"])), bad
 
 

@@ -7,6 +7,7 @@ import brdfatlas
 from brdfatlas.angles import GRID_SHAPE
 from brdfatlas.fits import Fit
 from brdfatlas.models import MODELS
+from brdfatlas.rendering.scenes import SceneError
 
 UP = np.array([0.0, 0.0, 1.0])
 LAMBERT = MODELS["lambert"]
@@ -64,8 +65,9 @@ def test_directions_of_any_numbers_that_broadcast():
     [
         ({"processes": 1.5}, ValueError, "processes 1.5: a whole number from 1"),
         ({"processes": None}, ValueError, "processes None"),
-        ({"size": "96"}, ValueError, "size '96': a whole number from 1"),
-        ({"samples": 0}, ValueError, "samples 0: a whole number from 1"),
+        ({"size": "96"}, SceneError, "^size: '96': .* a whole number from 1$"),
+        ({"samples": 0}, SceneError, "^samples: 0: .* a whole number from 8$"),
+        ({"samples": 7}, SceneError, "^samples: 7: .* a whole number from 8$"),
         ({"budget": "64"}, ValueError, "budget '64': a number of bytes"),
         ({"budget": float("nan")}, ValueError, "budget nan"),
         ({"models": 5}, TypeError, "models 5: names"),

@@ -75,14 +75,16 @@ def read_scenes(path: str | Path | None = None) -> dict[str, dict[str, Any]]:
     return scenes
 
 
-def check_settings(size: int, samples: int, batches: int) -> None:
-    """Refuse a film of no pixels and a render of no samples. Raises SceneError naming the key."""
-    if size < 1:
-        raise SceneError(f"render.size: {size}: a film has at least 1 pixel")
-    if batches < 1:
-        raise SceneError(f"render.batches: {batches}: at least 1 batch is needed")
-    if samples < batches:
-        raise SceneError(f"render.samples: {samples}: at least one sample a batch is needed, so {batches} or more")
+def check_settings(size: int, samples: int, batches: int, where: str = "render.") -> None:
+    """Refuse a film of no pixels and a render of no samples. Raises SceneError naming the key, behind ``where``, and
+    its range."""
+    for key, value, low, reason in (
+        ("size", size, 1, "a film has at least 1 pixel"),
+        ("batches", batches, 1, "at least 1 batch is needed"),
+        ("samples", samples, batches, "at least one sample a batch is needed"),
+    ):
+        if not isinstance(value, int | np.integer) or value < low:
+            raise SceneError(f"{where}{key}: {value!r}: {reason}, give a whole number from {low}")
 
 
 @dataclass(frozen=True)
