@@ -287,6 +287,23 @@ def test_the_unit_of_length_is_free(unit):
         assert np.array_equal(large.batches, small.batches)
 
 
+@pytest.mark.parametrize("far", [1e2, 1e4])
+def test_a_scene_may_lie_far_from_the_origin_of_its_coordinates(far):
+    """The same picture within noise and the rounding of Mitsuba's float32 positions, with the camera."""
+    variant()
+    definition = deepcopy(SCENES["studio_sphere"])
+    camera = definition["camera"]
+    for holder, key in [(camera, "origin"), (camera, "target"), *((s, "position") for s in definition["geometry"])]:
+        holder[key] = [x + far for x in holder[key]]
+    near, away = (
+        render_scene(prepare_scene("s", item, 16, samples=16), material(0.3), samples=64, batches=2, seed=1)
+        for item in (SCENES["studio_sphere"], definition)
+    )
+    both = near.mask & away.mask
+    assert both.sum() > 0.9 * near.mask.sum() > 0
+    assert away.mean[both].mean() == pytest.approx(near.mean[both].mean(), rel=0.005)
+
+
 def test_impossible_settings_are_refused(sphere):
     for settings, word in (({"samples": 0}, "samples"), ({"samples": 8, "batches": 0}, "batches")):
         with pytest.raises(SceneError, match=f"render.{word}"):

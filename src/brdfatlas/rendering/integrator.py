@@ -183,7 +183,7 @@ def set_up(scene: PreparedScene) -> Setup:
     forward = forward / np.linalg.norm(forward)
     corners = [(d := np.array(ray.d, float).ravel()) / (d @ forward) for ray in rays]
     vectors = [np.asarray(camera["origin"], float), corners[0], corners[1] - corners[0], corners[2] - corners[0]]
-    # Mitsuba's float32 position, in the scene's unit of length
+    # Mitsuba's position is float32, so it is as coarse as the scene lies far from the origin of its coordinates.
     assert np.allclose(np.cross(origin - vectors[0], corners[0]), 0, atol=1e-4 * max(1.0, np.abs(origin).max()))
     view = [mi.Vector3f(*map(float, v)) for v in vectors]
     sphere = None
