@@ -352,6 +352,22 @@ def test_narrow_lobes_are_seen(tab, site):
     assert page.locator("#lobes svg path.line").count() == lines + 1
 
 
+def test_every_function_is_drawn_from_the_start(tab, site):
+    """The best models often have none of the functions: the best that has one is drawn, and the best of all."""
+    page = tab.open(site.reports / "materials/pvc.html")
+    page.wait_for_selector("#lobes svg path.line")
+    charts = page.locator("#function-charts .chart")
+    for chart in charts.all():
+        assert chart.locator("path.line").count() > 0, chart.inner_text()
+    pressed = page.locator("#function-legend button[aria-pressed=true]")
+    assert pressed.count() == 4
+    assert page.locator("#function-legend button").first.get_attribute("aria-pressed") == "true"
+    for _ in range(4):
+        pressed.first.click()
+    assert charts.first.inner_text() == "None of the selected models has this function."
+    assert tab.faults == []
+
+
 def test_every_model_has_its_fit_and_parameters(tab, site):
     page = tab.open(site.reports / "materials/chrome.html")
     assert page.locator(".fits details").count() == len(site.models)

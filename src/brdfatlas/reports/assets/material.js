@@ -59,9 +59,11 @@
   window.ATLAS_CURVES = (curves) => {
     const order = D.models.filter((m) => curves.lobes.models[m.name]).map((m, i) => ({ ...m, index: i }));
     const named = new Map(order.map((m) => [m.name, m]));
-    const first = () => new Set(order.slice(4).map((m) => m.name));
-    const off = first();
-    if (P.get("on")) { off.clear(); const on = P.get("on").split(","); order.forEach((m) => { if (!on.includes(m.name)) off.add(m.name); }); }
+    // At first the best model and, as the best often have no functions, the best that has each; four or more in all.
+    const first = new Set([() => true, ...curves.functions.map((f) => (m) => f.models[m.name])].flatMap((has) => order.find(has) ?? []));
+    for (const m of order) if (first.size < 4) first.add(m);
+    const on = P.get("on") ? P.get("on").split(",") : [...first].map((m) => m.name);
+    const off = new Set(order.map((m) => m.name).filter((name) => !on.includes(name)));
     const places = curves.functions.map(({ title, axis }) => {
       const figure = document.createElement("figure"), node = document.createElement("div"), caption = document.createElement("figcaption");
       node.className = "chart"; caption.textContent = `${title} over ${axis}`;
