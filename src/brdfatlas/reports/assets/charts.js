@@ -92,53 +92,32 @@
     }[family];
     return d ? el("path", { d, fill, ...attributes }) : el("circle", { cx: x, cy: y, r, fill, ...attributes });
   }
-  const overlaps = (a, b) => a.x < b.x + b.w && b.x < a.x + a.w && a.y < b.y + b.h && b.y < a.y + a.h;
-  // A place for a label of width w: beside (x, y), else the nearest that is free, with a line from the point to it that
-  // crosses nothing; null where there is none. Inside the box, clear of what is taken, to which it is added.
-  function placeLabel(x, y, w, box, taken) {
-    const h = 15, top = box.top - 6;
-    const room = (a) => ({ x: a.x - 5, y: a.y, w: a.w + 10, h: a.h });
-    const free = (a) => !taken.some((t) => overlaps(a, t));
-    const inside = (a) => a.x >= box.left && a.x + w <= box.right && a.y >= top && a.y + h <= box.bottom;
-    const beside = [[9, -h / 2], [-9 - w, -h / 2], [-w / 2, -h - 9], [-w / 2, 9], [9, -h - 5], [9, 5], [-9 - w, -h - 5], [-9 - w, 5]];
-    const near = beside.map(([a, b]) => ({ x: x + a, y: y + b, w, h })).find((a) => inside(a) && free(a));
-    if (near) { taken.push(room(near)); return near; }
-    const away = [], own = taken.filter((t) => overlaps(t, { x: x - 4, y: y - 4, w: 8, h: 8 }));
-    const others = taken.filter((t) => !own.includes(t)), clear = (a) => !others.some((t) => overlaps(a, t));
-    for (let py = top; py + h <= box.bottom; py += 5) {
-      for (let px = box.left; px + w <= box.right; px += 10) {
-        const end = [Math.min(Math.max(x, px + 4), px + w - 4), Math.min(Math.max(y, py), py + h)];
-        const line = [x, y, ...end], far = Math.hypot(end[0] - x, end[1] - y);
-        if (far > 9) away.push({ x: px, y: py, w, h, line, far });
-      }
-    }
-    for (const spot of away.sort((a, b) => a.far - b.far)) {
-      const steps = Math.ceil(spot.far / 3), [, , ex, ey] = spot.line;
-      const dots = Array.from({ length: steps }, (_, k) => ({ x: x + (ex - x) * (k + 1) / steps - 1, y: y + (ey - y) * (k + 1) / steps - 1, w: 2, h: 2 }));
-      if (free(spot) && dots.every(clear)) { taken.push(room(spot), ...dots); return spot; } // it may leave through what lies on its point
-    }
-    return null;
+  // Rising heights moved apart to at least a gap, no lower than the last may be, in the same order.
+  function spread(heights, gap, last) {
+    let at = -Infinity;
+    const placed = heights.map((y) => { at = Math.max(y, at + gap); return at; });
+    for (let i = placed.length - 1; i >= 0; i--, last -= gap) placed[i] = Math.min(placed[i], last);
+    return placed;
   }
 
   // --- scatter with a Pareto front ---------------------------------------------------------------------------------------
-  // points: {x, y, name, title, family, href, text, faint}; front: names by rising x; the rest is named on hover and focus.
+  // points: {x, y, name, title, family, href, text, faint}; front: names by rising x. They stand in a column beside the plot; the
+  // rest is named on hover and focus.
   function scatter(node, { points, front, xlabel, ylabel, label, ylog }) {
     const good = points.filter((p) => Number.isFinite(p.x) && p.x > 0 && Number.isFinite(p.y) && (!ylog || p.y > 0));
     if (!good.length) { node.textContent = "Nothing to draw: no finite numbers."; return; }
     paint(node, (width) => {
-      const height = Math.round(Math.min(Math.max(width * 0.55, 300), 480));
-      const { svg, sx, sy, box } = frame({ width, height, x: padded(good.map((p) => p.x), true), y: padded(good.map((p) => p.y), ylog), xkind: "log", ykind: ylog ? "log" : "", xlabel, ylabel, label });
       const line = front.map((name) => good.find((p) => p.name === name)).filter(Boolean);
+      const gap = 15, room = Math.min(Math.max(0, ...line.map((p) => widthOf(p.title) + 2)), width * 0.47);
+      const height = Math.max(Math.round(Math.min(Math.max(width * 0.55, 300), 480)), line.length * gap + 80);
+      const { svg, sx, sy, box } = frame({ width, height, x: padded(good.map((p) => p.x), true), y: padded(good.map((p) => p.y), ylog), xkind: "log", ykind: ylog ? "log" : "", xlabel, ylabel, label, right: room + 34 });
       if (line.length > 1) svg.append(el("path", { class: "front", d: line.map((p, i) => (i ? `H${sx(p.x)}V${sy(p.y)}` : `M${sx(p.x)} ${sy(p.y)}`)).join("") }));
       const size = (p) => (front.includes(p.name) ? 5.5 : 4.5);
-      const taken = good.map((p) => { const half = 1.3 * size(p) + 1; return { x: sx(p.x) - half, y: sy(p.y) - half, w: 2 * half, h: 2 * half }; });
-      const names = el("g", { "aria-hidden": "true" });
-      for (const p of [...line].reverse()) {  // where there is no room for all, the closest are named
-        const w = widthOf(p.title) + 2, spot = placeLabel(sx(p.x), sy(p.y), w, box, taken);
-        if (!spot) continue;
-        if (spot.line) { const [x1, y1, x2, y2] = spot.line; names.append(el("line", { class: "leader", x1, y1, x2, y2 })); }
-        names.append(el("text", { class: "name", x: spot.x, y: spot.y + 11 }, p.title));
-      }
+      const names = el("g", { "aria-hidden": "true" }), down = [...line].sort((a, b) => sy(a.y) - sy(b.y));
+      spread(down.map((p) => sy(p.y)), gap, box.bottom - 8).forEach((y, i) => {
+        const p = down[i], x = width - room;
+        names.append(el("path", { class: "leader", d: `M${sx(p.x)} ${sy(p.y)}L${x - 16} ${y}H${x - 4}` }), el("text", { class: "name", x, y: y + 4 }, fit(p.title, room)));
+      });
       svg.append(names);
       const tip = el("g", { class: "tip", visibility: "hidden", "aria-hidden": "true" }, el("rect", { rx: 4 }), el("text", {}));
       const show = (p) => {
