@@ -129,6 +129,16 @@ def test_equal_data_give_equal_files_and_formats_follow_the_ending(tmp_path):
         assert (tmp_path / f"{kind}1.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_figure_does_not_depend_on_those_drawn_before_it(tmp_path):
+    fits = [dupuy_fit(model, alpha) for model, alpha in (("ggx", 0.1), ("tabulated", 0.3), ("gaussian", 0.5))]
+    for order in (fits, fits[::-1]):
+        for fit in order:
+            assert plot_functions(fit, tmp_path / f"{fit.model}-{order is fits}.svg")
+    for fit in fits:
+        once, again = (tmp_path / f"{fit.model}-{first}.svg" for first in (True, False))
+        assert once.read_bytes() == again.read_bytes()
+
+
 def test_lobes_bear_the_whole_title_of_every_model(tmp_path):
     """What tells two titles apart may be their last word."""
     lobes = lobe_curves(np.ones((*GRID_SHAPE, 3)), [])

@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from brdfatlas.constants import LUMINANCE
 from brdfatlas.figures import style
+from brdfatlas.figures.panel import Panel, boxes, linear, logarithmic, root_degrees
 from brdfatlas.models.base import Function
 
 #: What the page draws, by symbol: title, unit, whether on a logarithmic scale.
@@ -57,21 +59,18 @@ def plot_curves(charts: Sequence[Mapping[str, Any]], titles: Mapping[str, str], 
     place = {name: i for i, name in enumerate(names)}
     with style.paper():
         legend = 0.14 * -(-len(names) // 3) + 0.1
-        figure, axes = style.panels(1, len(charts), (style.PAGE, 2.3 + legend), bottom=0.4 + legend, top=0.25)
-        for axis, chart in zip(axes[0], charts):
-            for name, curve in chart["models"].items():
-                y = np.array([np.nan if v is None else v for v in curve["y"]])
-                axis.plot(curve["x"], y, linewidth=1.0, label=titles.get(name, name), **style.line_of(place[name]))
-            axis.set(xlabel=f"{chart['axis']} (degrees)", title=chart["title"], xlim=(0, 90))
-            axis.set_xticks([0, 30, 60, 90])
-            if chart["axis"] == AXES["theta_h"]:
-                style.root_axis(axis)
-            if chart["log"]:
-                top = max(v for curve in chart["models"].values() for v in curve["y"] if v)
-                style.log_axis(axis, top * style.LEAST, top * 2)
-            else:
-                axis.set_ylim(bottom=0)
-        lines = {line.get_label(): line for axis in axes[0] for line in axis.get_lines()}
-        figure.legend(lines.values(), lines.keys(), loc="lower center", ncols=3)
+        size = (style.PAGE, 2.3 + legend)
+        figure, lines = Figure(figsize=size), {}
+        for box, chart in zip(boxes(1, len(charts), size, bottom=0.4 + legend, top=0.25), charts):
+            curves = {name: np.array(curve["y"], float) for name, curve in chart["models"].items()}
+            low, top = np.nanmin([*map(np.nanmin, curves.values())]), np.nanmax([*map(np.nanmax, curves.values())])
+            x = root_degrees() if chart["axis"] == AXES["theta_h"] else linear(0, 90, [0, 30, 60, 90])
+            y = linear(0, top + 0.05 * (top - low), most=7)
+            panel = Panel(figure, box, x, logarithmic(top * style.LEAST, top * 2) if chart["log"] else y)
+            panel.label(below=f"{chart['axis']} (degrees)", title=chart["title"])
+            for name, values in curves.items():
+                look = {"label": titles.get(name, name), "linewidth": 1.0} | style.line_of(place[name])
+                lines[name] = panel.line(chart["models"][name]["x"], values, **look)
+        figure.legend(lines.values(), [line.get_label() for line in lines.values()], loc="lower center", ncols=3)
         style.save(figure, path)
     return True

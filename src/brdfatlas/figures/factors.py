@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from brdfatlas.angles import N_PHI_D, grid_cosines
 from brdfatlas.figures import style
+from brdfatlas.figures.panel import Panel, boxes, linear, logarithmic
 from brdfatlas.measured import Measured
 from brdfatlas.objectives import compressive_weight, importance_weight, weighted_median
 
@@ -125,23 +127,28 @@ def plot_convergence(channels: Sequence[Mapping[str, Any]], path: str | os.PathL
         curves.append(starts)
     if not any(curves):
         return False
+    drawn = []
+    for starts in curves:
+        drawn.append([])
+        for start in starts:
+            history = np.maximum(np.asarray(start["history"], float), 1e-16)
+            # A thinned curve keeps its ends, so its length in iterations is known from the report.
+            last = max(int(start.get("iterations", history.size - 1)), history.size - 1)
+            drawn[-1].append((start["name"], np.linspace(0, last, history.size), history))
+    every = [(x[-1], y.min(), y.max()) for own in drawn for _, x, y in own]
+    longest, low, high = max(e[0] for e in every), min(e[1] for e in every), max(e[2] for e in every)
+    margin = max(high / low, 10) ** 0.05
+    x, y = linear(-0.05 * longest, max(1.05 * longest, 1), most=6), logarithmic(low / margin, high * margin)
+    size = (8.4, 2.7)
     with style.paper():
-        figure, axes = style.panels(
-            1, len(curves), (8.4, 2.7), top=0.5 if title else 0.25, right=1.6, gaps=(0.2, 0), shared=True
-        )
-        for axis, starts, colour in zip(axes[0], curves, ("red", "green", "blue")):
-            for number, start in enumerate(starts):
-                history = np.maximum(np.asarray(start["history"], float), 1e-16)
-                # A thinned curve keeps its ends, so its length in iterations is known from the report.
-                last = max(int(start.get("iterations", history.size - 1)), history.size - 1)
-                axis.plot(np.linspace(0, last, history.size), history, label=start["name"], **style.line_of(number))
-            style.log_axis(axis)
-            axis.set_title(colour)
-            axis.set_xlabel("iteration")
-        axes[0, 0].set_ylabel("objective (relative)")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        if handles:
-            figure.legend(handles, labels, loc="center right")
+        figure = Figure(figsize=size)
+        places = boxes(1, len(curves), size, top=0.5 if title else 0.25, right=1.6, gaps=(0.2, 0))
+        for number, (box, own, colour) in enumerate(zip(places, drawn, ("red", "green", "blue"))):
+            panel = Panel(figure, box, x, y, named="x" if number else "xy")
+            panel.label(below="iteration", left="" if number else "objective (relative)", title=colour)
+            lines = [panel.line(*xy, label=name, **style.line_of(n)) for n, (name, *xy) in enumerate(own)]
+            if lines and not number:
+                figure.legend(lines, [name for name, *_ in own], loc="center right")
         if title:
             figure.suptitle(title)
         style.save(figure, path)

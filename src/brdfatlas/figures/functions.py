@@ -3,9 +3,12 @@
 import os
 
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.transforms import Bbox
 
 from brdfatlas.figures import style
+from brdfatlas.figures.panel import Panel, boxes, linear, logarithmic, root_degrees
 from brdfatlas.fits import Fit
 from brdfatlas.models.base import Function
 
@@ -17,7 +20,7 @@ AXES = {
 }
 
 
-def plot_functions(fit: Fit, path: str | os.PathLike, *, title: str = "") -> bool:
+def plot_functions(fit: Fit, path: str | os.PathLike) -> bool:
     """A plot for each function of a fit, side by side; those of one symbol share a plot. rgb in red, green and blue.
     Those of all models together are functions.svg (figures.curves). Returns False, and writes nothing, for a model
     without functions.
@@ -25,10 +28,11 @@ def plot_functions(fit: Fit, path: str | os.PathLike, *, title: str = "") -> boo
     plots = grouped(fit)
     if not plots:
         return False
+    size = (2.8 * len(plots), 2.5)
     with style.paper():
-        figure, axes = style.panels(1, len(plots), (2.8 * len(plots), 2.5))
-        for axis, own in zip(axes[0], plots.values()):
-            _plot(axis, own, title or fit.entry)
+        figure = Figure(figsize=size)
+        for box, own in zip(boxes(1, len(plots), size), plots.values()):
+            _plot(figure, box, own)
         style.save(figure, path)
     return True
 
@@ -41,32 +45,31 @@ def grouped(fit: Fit) -> dict[tuple[str, str, str], list[Function]]:
     return found
 
 
-def _plot(axis: Axes, own: list[Function], title: str) -> None:
+def _plot(figure: Figure, box: Bbox, own: list[Function]) -> None:
     first = own[0]
-    for number, function in enumerate(own):
-        _curves(axis, function, title, label=number == 0)
-    unit = f" ({first.unit})" if first.unit else ""
-    axis.set(xlabel=AXES[first.axis], ylabel=f"{first.symbol}{unit}")
-    top = max(float(function.values.max()) for function in own)
-    low = min(float(function.values.min()) for function in own)
+    top = max(float(np.nanmax(function.values)) for function in own)
+    low = min(float(np.nanmin(function.values)) for function in own)
+    margin = 0.05 * (top - low) or 0.05
+    y = linear(low - margin, top + margin)
     if first.axis == "theta_h":  # spaced as the measurements are
-        style.root_axis(axis)
+        x = root_degrees()
         if low >= 0:
-            style.log_axis(axis, max(top, 1e-12) * style.LEAST, max(top, 1e-12) * 2)
+            y = logarithmic(max(top, 1e-12) * style.LEAST, max(top, 1e-12) * 2)
     else:
-        axis.set_xticks([0, 30, 60, 90] if first.axis != "phi_d" else [0, 60, 120, 180])
+        x = linear(0, 180, [0, 60, 120, 180]) if first.axis == "phi_d" else linear(0, 90, [0, 30, 60, 90])
         if low >= 0:
-            axis.set_ylim(0, max(1.02, top * 1.02))
-    axis.set_xlim(0, 180 if first.axis == "phi_d" else 90)
-    if len(axis.get_legend_handles_labels()[0]) > 1:
-        axis.legend()
+            y = linear(0, max(1.02, top * 1.02))
+    panel = Panel(figure, box, x, y)
+    unit = f" ({first.unit})" if first.unit else ""
+    panel.label(below=AXES[first.axis], left=f"{first.symbol}{unit}")
+    lines = [line for function in own for line in _curves(panel, function)]
+    if first.values.ndim == 2:
+        panel.legend(lines[:3])
 
 
-def _curves(axis: Axes, function: Function, title: str, *, label: bool) -> None:
+def _curves(panel: Panel, function: Function) -> list[Line2D]:
     degrees = np.rad2deg(function.angle)
     if function.values.ndim == 1:
-        axis.plot(degrees, function.values, color=style.INK, label=title if label else None, zorder=3)
-        return
-    for channel, (colour, line) in enumerate(zip(style.RGB, ("-", "--", ":"))):
-        name = "RGB"[channel] if label else None
-        axis.plot(degrees, function.values[:, channel], color=colour, linestyle=line, label=name)
+        return [panel.line(degrees, function.values, color=style.INK, zorder=3)]
+    looks = zip("RGB", style.RGB, ("-", "--", ":"), function.values.T)
+    return [panel.line(degrees, y, label=name, color=colour, linestyle=line) for name, colour, line, y in looks]

@@ -106,7 +106,7 @@ def figures_job(
 def _draw_fit(fit: Fit, title: str, report: Mapping[str, Any], folder: Path, name: str) -> set[str]:
     """The figures of one fit below ``folder``; returns their names there."""
     drawn, file = set(), f"{name}.svg"
-    if plot_functions(fit, folder / "functions" / file, title=title):
+    if plot_functions(fit, folder / "functions" / file):
         drawn.add(f"functions/{file}")
     channels = (report.get("details") or {}).get("channels")
     if channels and plot_convergence(channels, folder / "convergence" / file, title=title):

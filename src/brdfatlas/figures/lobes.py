@@ -6,11 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib import pyplot
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 from brdfatlas.constants import LUMINANCE
 from brdfatlas.figures import style
 from brdfatlas.figures.curves import round_values
+from brdfatlas.figures.panel import Panel, boxes, linear, logarithmic
 from brdfatlas.measured import look_up
 
 #: incidence angles, degrees
@@ -74,23 +77,23 @@ def plot_lobes(
     rows = -(-len(models) // columns)
     with style.paper():
         size = (style.PAGE, 1.12 * rows + 0.66)
-        figure, axes = style.panels(rows, columns, size, top=0.56, left=0.6, gaps=(0.08, 0.22), shared=True)
-        for axis, (name, lobes) in zip(axes.flat, models.items()):
+        figure = Figure(figsize=size)
+        places = boxes(rows, columns, size, top=0.56, left=0.6, gaps=(0.08, 0.22))
+        x, y = linear(-90, 90, [-60, 0, 60]), logarithmic(low, 4 * top)
+        for number, (box, (name, lobes)) in enumerate(zip(places, models.items())):
+            named = "x" * (number + columns >= len(models)) + "y" * (number % columns == 0)
+            panel = Panel(figure, box, x, y, named=named)
             for n, (degrees, expected, fitted) in enumerate(zip(outgoing, measured, lobes)):
                 colour = style.COLOURS[n]
                 outline = [low, *np.maximum(expected, low), low]
-                axis.fill([degrees[0], *degrees, degrees[-1]], outline, color=colour, alpha=0.22, linewidth=0)
-                axis.plot(degrees, np.maximum(np.array(fitted, float), low * 1e-3), color=colour, linewidth=0.9)
+                panel.fill([degrees[0], *degrees, degrees[-1]], outline, color=colour, alpha=0.22, linewidth=0)
+                panel.line(degrees, np.maximum(np.array(fitted, float), low * 1e-3), color=colour, linewidth=0.9)
             lines = textwrap.wrap(titles.get(name, name), TITLE, max_lines=2, placeholder="…")
-            axis.set_title("\n".join(lines), fontsize=6.3 if len(lines) == 1 else 5.4, linespacing=1.0, pad=2)
-            axis.set(xlim=(-90, 90), xticks=[-60, 0, 60])
-        style.log_axis(axes[0, 0], low, 4 * top)
-        for axis in axes.flat[len(models) :]:
-            axis.set_visible(False)
+            panel.label(title="\n".join(lines), pad=2, fontsize=6.3 if len(lines) == 1 else 5.4, linespacing=1.0)
         handles, names = [], []
         for n, angle in enumerate(incidence):
-            handles.append(pyplot.Rectangle((0, 0), 1, 1, color=style.COLOURS[n], alpha=0.22))
-            handles.append(pyplot.Line2D([], [], color=style.COLOURS[n]))
+            handles.append(Rectangle((0, 0), 1, 1, color=style.COLOURS[n], alpha=0.22))
+            handles.append(Line2D([], [], color=style.COLOURS[n]))
             names += [f"reference, θi = {angle:g}°", f"fit, θi = {angle:g}°"]
         figure.supxlabel("outgoing angle (degrees)", fontsize=7.5, y=0.06 / size[1], va="bottom")
         figure.supylabel("BRDF (1/sr)", fontsize=7.5, x=0.06 / size[0], ha="left")

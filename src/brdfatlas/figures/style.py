@@ -4,6 +4,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import matplotlib
 
@@ -70,14 +71,18 @@ def line_of(number: int) -> dict[str, str]:
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": LINES[number // len(COLOURS) % len(LINES)]}
 
 
+#: Degrees with a tick on the root scale.
+ROOT_TICKS = (0, 1, 5, 15, 30, 60, 90)
+
+
 def root_axis(axis: Axes) -> None:
     """Angles on the root scale on which the measurements are spaced: a highlight gets the room it needs."""
     axis.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
-    axis.set_xticks([0, 1, 5, 15, 30, 60, 90])
+    axis.set_xticks(ROOT_TICKS)
     axis.set_xlim(0, 90)
 
 
-def panels(
+def grid(
     rows: int,
     columns: int,
     size: tuple[float, float],
@@ -87,19 +92,25 @@ def panels(
     bottom: float = 0.4,
     top: float = 0.1,
     gaps: tuple[float, float] = (0.55, 0.3),
-    shared: bool = False,
-) -> tuple[Figure, np.ndarray]:
-    """A figure of ``size`` and its axes (rows, columns), margins and gaps (across, down) in inches: to measure every
+) -> dict[str, float]:
+    """Keywords of a GridSpec for margins and gaps (across, down) in inches on a figure of ``size``: to measure every
     text, as Matplotlib's layouts do, takes as long as to draw."""
     width, height = size
     each = (width - left - right - (columns - 1) * gaps[0]) / columns
     tall = (height - bottom - top - (rows - 1) * gaps[1]) / rows
+    return {
+        "left": left / width, "right": 1 - right / width, "bottom": bottom / height, "top": 1 - top / height,
+        "wspace": gaps[0] / each, "hspace": gaps[1] / tall,
+    }  # fmt: skip
+
+
+def panels(
+    rows: int, columns: int, size: tuple[float, float], *, shared: bool = False, **margins: Any
+) -> tuple[Figure, np.ndarray]:
+    """A figure of ``size`` and its axes (rows, columns); ``margins``: of :func:`grid`."""
     return pyplot.subplots(
         rows, columns, figsize=size, squeeze=False, sharex=shared, sharey=shared,
-        gridspec_kw={
-            "left": left / width, "right": 1 - right / width, "bottom": bottom / height, "top": 1 - top / height,
-            "wspace": gaps[0] / each, "hspace": gaps[1] / tall,
-        },
+        gridspec_kw=grid(rows, columns, size, **margins),
     )  # fmt: skip
 
 
