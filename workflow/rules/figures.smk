@@ -99,7 +99,7 @@ rule draw_summary:
         mem_mb=600,
         runtime=5,
     params:
-        provenance=provenance("brdfatlas.figures.jobs", libraries=DRAWING),
+        provenance=provenance("brdfatlas.figures.summary", libraries=DRAWING),
         models=MODELS,
         entries=ENTRIES,
     message:

@@ -1,6 +1,6 @@
 """Sorted errors of all models over all materials."""
 
-from brdfatlas.figures.jobs import summary_job
+from brdfatlas.figures.summary import summary_job
 from brdfatlas.models import use_entries
 from brdfatlas.pipeline.logs import logged
 

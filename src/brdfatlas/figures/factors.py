@@ -6,15 +6,18 @@ Each function writes one picture; the format follows the path's ending (svg, png
 import os
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from brdfatlas.angles import N_PHI_D, grid_cosines
 from brdfatlas.figures import style
-from brdfatlas.figures.panel import Panel, boxes, linear, logarithmic
+from brdfatlas.figures.panel import Panel, boxes, linear, logarithmic, root_degrees
 from brdfatlas.measured import Measured
 from brdfatlas.objectives import compressive_weight, importance_weight, weighted_median
 
@@ -50,30 +53,31 @@ def plot_slices(
     valid = slice_of(measured.valid)
     pictures = {"reference (stand-in)" if measured.standin else "reference": slice_of(measured.table)}
     pictures |= slices
+    size = (1.75 * len(pictures) + 0.6, 2.5)
     with style.paper():
-        size = (1.75 * len(pictures) + 0.6, 2.5)
-        figure, axes = style.panels(1, len(pictures), size, top=0.7 if title else 0.45, gaps=(0.15, 0), shared=True)
-        for axis, (name, table) in zip(axes[0], pictures.items()):
+        figure = Figure(figsize=size)
+        places = _squares(len(pictures), size, top=0.7 if title else 0.45)
+        for box, (name, table) in zip(places, pictures.items()):
             picture = np.stack([compressed(table[..., c], medians[c]) for c in range(3)], -1)
             picture = np.where(valid[..., None], picture, NO_DATA)
-            axis.imshow(
-                np.clip(np.swapaxes(picture, 0, 1), 0, 1), origin="lower", extent=(0, 90, 0, 90), aspect="equal",
-                interpolation="nearest",
-            )  # fmt: skip
-            axis.set_title(textwrap.fill(name, 22))
-            _half_angles(axis)
-        axes[0, 0].set_ylabel("θd (degrees)")
+            _map(figure, box, picture, textwrap.fill(name, 22), first=box is places[0])
         if title:
             figure.suptitle(title)
         style.save(figure, path)
 
 
-def _half_angles(axis: Axes) -> None:
-    """Degrees of theta_h below a picture of the grid's cells."""
-    ticks = np.array([1, 10, 30, 60, 90])
-    axis.set_xticks(np.sqrt(ticks / 90) * 90, [str(t) for t in ticks])
-    axis.set_xlabel("θh (degrees)")
-    axis.grid(False)
+def _squares(count: int, size: tuple[float, float], **margins: float) -> list[Bbox]:
+    """Places for so many maps side by side."""
+    places = boxes(1, count, size, gaps=(0.15, 0), **margins)
+    return [box.shrunk_to_aspect(1).anchored("C", box) for box in places]
+
+
+def _map(figure: Figure, box: Bbox, picture: np.ndarray, title: str, *, first: bool) -> None:
+    """A picture of the grid's cells (theta_h, theta_d, rgb in [0, 1]); degrees of theta_d beside the ``first``."""
+    x = replace(root_degrees(), ticks=(1, 10, 30, 60, 90))
+    panel = Panel(figure, box, x, linear(0, 90, most=5), named="xy" if first else "x")
+    panel.image(np.clip(picture.swapaxes(0, 1), 0, 1))
+    panel.label(below="θh (degrees)", left="θd (degrees)" if first else "", title=title)
 
 
 def plot_weights(measured: Measured, path: str | os.PathLike, *, power: float = 1.4, title: str = "") -> None:
@@ -92,22 +96,16 @@ def plot_weights(measured: Measured, path: str | os.PathLike, *, power: float = 
         r"compressive $w_C$": whole / safe,
         r"product $w$": whole,
     }
+    size = (8.4, 2.4)
+    colours = ScalarMappable(Normalize(0, 1), "viridis")
     with style.paper():
-        figure, (axes,) = style.panels(
-            1, 4, (8.4, 2.4), right=0.6, top=0.5 if title else 0.25, gaps=(0.15, 0), shared=True
-        )
-        for axis, (name, values) in zip(axes, parts.items()):
-            values = np.where(keep, values, np.nan)
-            peak = np.nanmax(values) if keep.any() else 1.0
-            axis.set_facecolor(str(NO_DATA))
-            shown = axis.imshow(
-                (values / (peak if peak > 0 else 1.0)).T, origin="lower", extent=(0, 90, 0, 90), cmap="viridis",
-                vmin=0, vmax=1, interpolation="nearest",
-            )  # fmt: skip
-            axis.set_title(name)
-            _half_angles(axis)
-        axes[0].set_ylabel("θd (degrees)")
-        figure.colorbar(shown, cax=figure.add_axes((0.94, 0.2, 0.012, 0.65)))
+        figure = Figure(figsize=size)
+        places = _squares(4, size, right=0.6, top=0.5 if title else 0.25)
+        for box, (name, values) in zip(places, parts.items()):
+            values = np.where(keep, values, 0)
+            picture = colours.to_rgba(values / (values.max() or 1.0))[..., :3]
+            _map(figure, box, np.where(keep[..., None], picture, NO_DATA), name, first=box is places[0])
+        figure.colorbar(colours, cax=figure.add_axes((0.94, 0.2, 0.012, 0.65)))
         if title:
             figure.suptitle(title)
         style.save(figure, path)

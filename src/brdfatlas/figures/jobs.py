@@ -1,8 +1,8 @@
-"""Which figures a material and a run get. The body of the rules draw_figures and draw_summary."""
+"""Which figures a material gets. The body of the rule draw_figures."""
 
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -15,13 +15,11 @@ from brdfatlas.figures.factors import plot_convergence, plot_slices, plot_weight
 from brdfatlas.figures.functions import plot_functions
 from brdfatlas.figures.lobes import lobe_curves, plot_lobes
 from brdfatlas.figures.samples import plot_samples
-from brdfatlas.figures.summary import plot_summary
 from brdfatlas.figures.tables import has_few_products, table_file, write_table
 from brdfatlas.files import digests, read_record, write_json, write_text
 from brdfatlas.fits import Fit, load_fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import extend
-from brdfatlas.measures.tsv import read_tsv
 from brdfatlas.models import MODELS
 
 #: What an earlier run, with other fits, may have drawn beside what every run draws.
@@ -68,7 +66,7 @@ def figures_job(
         """The table extended, and written for the viewer if that has no factors to show the model by."""
         if factors.get(name) is not None:
             slices[titles[name]] = slice_of(table)
-        full = extend(np.nan_to_num(table), measured.valid)
+        full = extend(table, measured.valid)
         if not has_few_products(factors.get(name)):
             path = table_file(folder, name)
             write_table(path, f"{folder.name}/{name}", full)
@@ -112,15 +110,3 @@ def _draw_fit(fit: Fit, title: str, report: Mapping[str, Any], folder: Path, nam
     if channels and plot_convergence(channels, folder / "convergence" / file, title=title):
         drawn.add(f"convergence/{file}")
     return drawn
-
-
-def summary_job(
-    errors: Iterable[str | os.PathLike],
-    descriptions: Iterable[str | os.PathLike],
-    models: Sequence[str],
-    path: str | os.PathLike,
-) -> None:
-    """Draw the sorted ΔE00 curves of all models over all materials (Bagher et al. 2016, Fig. 8)."""
-    facts = [read_record(item, "name", "diffuseness") for item in descriptions]
-    diffuseness = {item["name"]: item["diffuseness"] for item in facts}
-    plot_summary(read_tsv(errors), diffuseness, path, titles=titles_of(models), models=models)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
+from matplotlib.image import BboxImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path
@@ -133,6 +134,11 @@ class Panel:
         """An area with corners at values (n,) of both directions."""
         area = Polygon(self._place(x, y), transform=self.inches, clip_box=self.clip, **look)
         return self.figure.add_artist(area)
+
+    def image(self, picture: np.ndarray) -> BboxImage:
+        """A picture (rows, columns, 3) in [0, 1] all over the panel, its first row below."""
+        image = BboxImage(self.clip, origin="lower", interpolation="nearest", zorder=2, data=picture)
+        return self.figure.add_artist(image)
 
     def label(self, *, below: str = "", left: str = "", title: str = "", pad: float = 6.0, **look: Any) -> None:
         """Words below the axis across, left of the axis upwards, and ``pad`` points above; ``look``: of those above."""

@@ -2,14 +2,17 @@
 compared between materials; these show ΔE00)."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.figures import style
+from brdfatlas.figures.jobs import titles_of
+from brdfatlas.files import read_record
 from brdfatlas.measures.summary import LEADING, median
+from brdfatlas.measures.tsv import read_tsv
 
 
 def mean_errors(errors: pd.DataFrame, column: str = LEADING.key) -> pd.DataFrame:
@@ -84,3 +87,15 @@ def plot_summary(
                 axis.set_xlabel(f"{count} materials")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="upper right")
         style.save(figure, path)
+
+
+def summary_job(
+    errors: Iterable[str | os.PathLike],
+    descriptions: Iterable[str | os.PathLike],
+    models: Sequence[str],
+    path: str | os.PathLike,
+) -> None:
+    """Draw the sorted ΔE00 curves of all models over all materials (Bagher et al. 2016, Fig. 8)."""
+    facts = [read_record(item, "name", "diffuseness") for item in descriptions]
+    diffuseness = {item["name"]: item["diffuseness"] for item in facts}
+    plot_summary(read_tsv(errors), diffuseness, path, titles=titles_of(models), models=models)

@@ -42,9 +42,14 @@ def small_table(full: np.ndarray) -> np.ndarray:
     """A table (90, 90, 180 or 360, 3) in 1/sr without NaN on the viewer's grid, (90, THETA_D, PHI_D or 2 PHI_D, 3)
     float32."""
     half = PHI_D * full.shape[2] // N_PHI_D
-    rows = full.reshape(N_THETA_H, THETA_D, N_THETA_D // THETA_D, -1, 3).mean(2, dtype=np.float32)
-    cells = rows.reshape(N_THETA_H, THETA_D, 2 * half, -1, 3).mean(3)
+    rows = _mean(full.reshape(N_THETA_H, THETA_D, N_THETA_D // THETA_D, -1))
+    cells = _mean(rows.reshape(N_THETA_H, 2 * half * THETA_D, -1, 3)).reshape(N_THETA_H, THETA_D, 2 * half, 3)
     return (cells[:, :, :half] + cells[:, :, : half - 1 : -1]) / 2
+
+
+def _mean(values: np.ndarray) -> np.ndarray:
+    """Over the third axis, float32; of whole slices, for NumPy's own walks along the axis, in twice the time."""
+    return sum(values[:, :, k] for k in range(values.shape[2])) / np.float32(values.shape[2])
 
 
 def encode_table(values: np.ndarray) -> bytes:
