@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -105,7 +105,7 @@ class Fit:
             table = np.array(numbers(self.instance.evaluate_grid(self.parameters)), np.float32, copy=True)
             if table.shape != (*GRID_SHAPE, 3):
                 raise ValueError(f"evaluate_grid gives shape {table.shape}, not {(*GRID_SHAPE, 3)}")
-        np.copyto(table, np.nan, where=~above_horizon()[..., None])
+        np.copyto(table, np.nan, where=_below_horizon())
         # phi_d -> -phi_d mirrors both directions at the plane of the half vector and the normal.
         return table if self.instance.reciprocal else np.concatenate([table, table[:, :, ::-1]], 2)
 
@@ -143,6 +143,12 @@ class Fit:
         arrays = {f"parameter/{key}": value for key, value in self.parameters.items()}
         meta = {key: np.array(value) for key, value in labels.items()} | {"standin": np.array(self.standin)}
         write_npz(path, meta | options | arrays)
+
+
+@cache
+def _below_horizon() -> np.ndarray:
+    """Cells below the horizon, bool (90, 90, 180, 3): a mask that is broadcast takes ten times as long."""
+    return np.repeat(~above_horizon()[..., None], 3, -1)
 
 
 def _same(a, b) -> bool:
