@@ -185,18 +185,23 @@ def _extension_index(mask: bytes, shape: tuple[int, ...]) -> np.ndarray:
 @njit(cache=True, nogil=True)
 def _nearest_in_phi(valid, index):
     n_h, n_d, n_p = valid.shape
+    below = np.empty(n_p, np.int64)
     for h in range(n_h):
         for d in range(n_d):
+            if not valid[h, d].any():
+                continue
             base = (h * n_d + d) * n_p
-            for p in range(n_p):
-                for step in range(n_p // 2 + 1):
-                    left, right = (p - step) % n_p, (p + step) % n_p
-                    if valid[h, d, left]:
-                        index[h, d, p] = base + left
-                        break
-                    if valid[h, d, right]:
-                        index[h, d, p] = base + right
-                        break
+            last = -n_p
+            for p in range(-n_p, n_p):  # a turn before, for what lies below across 0
+                if valid[h, d, p % n_p]:
+                    last = p
+                below[p % n_p] = last
+            last = 2 * n_p
+            for p in range(2 * n_p - 1, -1, -1):
+                if valid[h, d, p % n_p]:
+                    last = p
+                if p < n_p:
+                    index[h, d, p] = base + (below[p] if p - below[p] <= last - p else last) % n_p
 
 
 def extend(table: np.ndarray, valid: np.ndarray) -> np.ndarray:
