@@ -10,12 +10,14 @@ import pytest
 from brdfatlas import microfacet
 from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes, theta_h_centres
 from brdfatlas.figures import style
+from brdfatlas.figures.curves import function_curves, plot_curves
 from brdfatlas.figures.functions import grouped, plot_functions
 from brdfatlas.figures.lobes import lobe, lobe_curves, outgoing_angles, plot_lobes
 from brdfatlas.figures.summary import mean_errors, plot_summary
 from brdfatlas.fits import Fit
 from brdfatlas.measured import extend
 from brdfatlas.models import MODELS
+from brdfatlas.models.base import Function
 
 
 def ggx_table(alpha: float = 0.2) -> np.ndarray:
@@ -68,6 +70,19 @@ def test_functions_are_those_the_models_evaluate():
         expected = own["F"].values[30] * own["D"].values[20] * g / (4 * wi[2] * wo[2])
         # G1 is interpolated between the drawn points
         np.testing.assert_allclose(fit.evaluate(wi, wo), expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "values", [[0, 0], [0.3, 0.3], [-1, 1], [-2, -2], [np.nan, 1], [np.nan, np.nan], [np.inf, 1], [0, 3e30]]
+)
+@pytest.mark.parametrize(("symbol", "axis"), [("F", "theta_d"), ("D", "theta_h"), ("H", "phi_d")])
+def test_whatever_values_a_function_has_it_is_drawn(values, symbol, axis, tmp_path, monkeypatch):
+    """Those of a model of one's own may be of any sign, and some may be no numbers."""
+    function = Function(symbol, axis, np.array([0.1, 0.2]), np.array(values, float))
+    fit = dupuy_fit("ggx")
+    monkeypatch.setattr(Fit, "functions", lambda self: (function,))
+    assert plot_functions(fit, tmp_path / "one.svg")
+    assert plot_curves(function_curves({"ggx": fit.functions()}), {}, tmp_path / "all.svg") == (symbol != "H")
 
 
 def test_models_without_functions_draw_nothing(tmp_path):

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from brdfatlas.constants import LUMINANCE
 from brdfatlas.figures import style
-from brdfatlas.figures.panel import Panel, boxes, linear, logarithmic, root_degrees
+from brdfatlas.figures.panel import Panel, boxes, limits, linear, logarithmic, root_degrees
 from brdfatlas.models.base import Function
 
 #: What the page draws, by symbol: title, unit, whether on a logarithmic scale.
@@ -63,10 +63,12 @@ def plot_curves(charts: Sequence[Mapping[str, Any]], titles: Mapping[str, str], 
         figure, lines = Figure(figsize=size), {}
         for box, chart in zip(boxes(1, len(charts), size, bottom=0.4 + legend, top=0.25), charts):
             curves = {name: np.array(curve["y"], float) for name, curve in chart["models"].items()}
-            low, top = np.nanmin([*map(np.nanmin, curves.values())]), np.nanmax([*map(np.nanmax, curves.values())])
+            low, top = limits(curves.values())
             x = root_degrees() if chart["axis"] == AXES["theta_h"] else linear(0, 90, [0, 30, 60, 90])
-            y = linear(0, top + 0.05 * (top - low), most=7)
-            panel = Panel(figure, box, x, logarithmic(top * style.LEAST, top * 2) if chart["log"] else y)
+            y = linear(0, top + 0.05 * (top - low) if top > 0 else 1, most=7)
+            if chart["log"]:
+                y = logarithmic(max(top, 1e-12) * style.LEAST, max(top, 1e-12) * 2)
+            panel = Panel(figure, box, x, y)
             panel.label(below=f"{chart['axis']} (degrees)", title=chart["title"])
             for name, values in curves.items():
                 look = {"label": titles.get(name, name), "linewidth": 1.0} | style.line_of(place[name])

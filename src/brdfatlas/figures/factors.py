@@ -17,7 +17,7 @@ from matplotlib.transforms import Bbox
 
 from brdfatlas.angles import N_PHI_D, grid_cosines
 from brdfatlas.figures import style
-from brdfatlas.figures.panel import Panel, boxes, linear, logarithmic, root_degrees
+from brdfatlas.figures.panel import Panel, boxes, limits, linear, logarithmic, root_degrees
 from brdfatlas.measured import Measured
 from brdfatlas.objectives import compressive_weight, fast_median, importance_weight
 
@@ -134,8 +134,8 @@ def plot_convergence(channels: Sequence[Mapping[str, Any]], path: str | os.PathL
             # A thinned curve keeps its ends, so its length in iterations is known from the report.
             last = max(int(start.get("iterations", history.size - 1)), history.size - 1)
             drawn[-1].append((start["name"], np.linspace(0, last, history.size), history))
-    every = [(x[-1], y.min(), y.max()) for own in drawn for _, x, y in own]
-    longest, low, high = max(e[0] for e in every), min(e[1] for e in every), max(e[2] for e in every)
+    longest = max(x[-1] for own in drawn for _, x, _ in own)
+    low, high = limits(y for own in drawn for *_, y in own)
     margin = max(high / low, 10) ** 0.05
     x, y = linear(-0.05 * longest, max(1.05 * longest, 1), most=6), logarithmic(low / margin, high * margin)
     size = (8.4, 2.7)

@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 
 from brdfatlas.figures import style
-from brdfatlas.figures.panel import Panel, boxes, linear, logarithmic, root_degrees
+from brdfatlas.figures.panel import Panel, boxes, limits, linear, logarithmic, root_degrees
 from brdfatlas.fits import Fit
 from brdfatlas.models.base import Function
 
@@ -47,8 +47,7 @@ def grouped(fit: Fit) -> dict[tuple[str, str, str], list[Function]]:
 
 def _plot(figure: Figure, box: Bbox, own: list[Function]) -> None:
     first = own[0]
-    top = max(float(np.nanmax(function.values)) for function in own)
-    low = min(float(np.nanmin(function.values)) for function in own)
+    low, top = limits(function.values for function in own)
     margin = 0.05 * (top - low) or 0.05
     y = linear(low - margin, top + margin)
     if first.axis == "theta_h":  # spaced as the measurements are

@@ -1,7 +1,7 @@
 """Frames with ticks, curves and words of a few artists each: Matplotlib's Axes, which also serve to pan and to choose
 limits, take most of the time of a figure of many small plots."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +42,13 @@ class Scale:
         return [self.word(tick).replace("-", "−") for tick in self.ticks]
 
 
+def limits(arrays: Iterable[Any]) -> tuple[float, float]:
+    """The least and the largest finite value of arrays of any shape; 0 and 1 where there is none."""
+    values = np.concatenate([np.ravel(np.asarray(array, float)) for array in arrays])
+    values = values[np.isfinite(values)]
+    return (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+
+
 def linear(low: float, high: float, ticks: Sequence[float] | None = None, *, most: int = 9) -> Scale:
     """An even scale; without ``ticks`` with at most so many intervals between round numbers."""
     if ticks is None:
@@ -53,7 +60,7 @@ def _words(ticks: np.ndarray) -> Callable[[float], str]:
     """Numbers with equally many decimals; large ones as a number times a power of ten, which has room."""
     power = int(np.log10(max(np.abs(ticks).max(initial=0), 1)))
     if power >= 4:
-        return lambda value: f"{value / 10**power:g}·{style.power_of_ten(10**power)}" if value else "0"
+        return lambda value: f"{value / 10.0**power:g}·{style.power_of_ten(10.0**power)}" if value else "0"
     decimals = next(d for d in range(9) if np.allclose(ticks, np.round(ticks, d), rtol=0, atol=1e-9) or d == 8)
     return f"{{:.{decimals}f}}".format
 
