@@ -13,7 +13,7 @@ MARGINS = {"left": 0.7, "right": 0.2, "bottom": 0.5, "top": 0.3, "gaps": (0.4, 0
 
 def one_panel(x: Scale, y: Scale) -> Panel:
     figure = Figure(figsize=SIZE)
-    return Panel(figure, next(boxes(1, 1, SIZE, **MARGINS)), x, y)
+    return Panel(figure, next(boxes(figure, 1, 1, **MARGINS)), x, y)
 
 
 @pytest.mark.parametrize("kind", ["linear", "logarithmic", "root"])
@@ -21,7 +21,7 @@ def test_values_and_ticks_lie_where_axes_have_them(kind):
     random = np.random.default_rng(1)
     with style.paper():
         figure, axes = style.panels(2, 3, SIZE, **MARGINS)
-        for axis, box in zip(axes.flat, boxes(2, 3, SIZE, **MARGINS)):
+        for axis, box in zip(axes.flat, boxes(figure, 2, 3, **MARGINS)):
             low, high = np.sort(random.uniform(0.01, 500, 2))
             values = random.uniform(low, high, 20)
             axis.set(xlim=(0, 90), ylim=(low, high))

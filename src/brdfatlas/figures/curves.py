@@ -59,9 +59,8 @@ def plot_curves(charts: Sequence[Mapping[str, Any]], titles: Mapping[str, str], 
     place = {name: i for i, name in enumerate(names)}
     with style.paper():
         legend = 0.14 * -(-len(names) // 3) + 0.1
-        size = (style.PAGE, 2.3 + legend)
-        figure, lines = Figure(figsize=size), {}
-        for box, chart in zip(boxes(1, len(charts), size, bottom=0.4 + legend, top=0.25), charts):
+        figure, lines = Figure(figsize=(style.PAGE, 2.3 + legend)), {}
+        for box, chart in zip(boxes(figure, 1, len(charts), bottom=0.4 + legend, top=0.25), charts):
             curves = {name: np.array(curve["y"], float) for name, curve in chart["models"].items()}
             low, top = limits(curves.values())
             x = root_degrees() if chart["axis"] == AXES["theta_h"] else linear(0, 90, [0, 30, 60, 90])

@@ -54,10 +54,9 @@ def plot_slices(
     valid = slice_of(measured.valid)
     pictures = {"reference (stand-in)" if measured.standin else "reference": slice_of(measured.table)}
     pictures |= slices
-    size = (1.75 * len(pictures) + 0.6, 2.5)
     with style.paper():
-        figure = Figure(figsize=size)
-        places = _squares(len(pictures), size, top=0.7 if title else 0.45)
+        figure = Figure(figsize=(1.75 * len(pictures) + 0.6, 2.5))
+        places = _squares(figure, len(pictures), top=0.7 if title else 0.45)
         for box, (name, table) in zip(places, pictures.items()):
             picture = np.stack([compressed(table[..., c], medians[c]) for c in range(3)], -1)
             picture = np.where(valid[..., None], picture, NO_DATA)
@@ -67,9 +66,9 @@ def plot_slices(
         style.save(figure, path)
 
 
-def _squares(count: int, size: tuple[float, float], **margins: float) -> list[Bbox]:
+def _squares(figure: Figure, count: int, **margins: float) -> list[Bbox]:
     """Places for so many maps side by side."""
-    places = boxes(1, count, size, gaps=(0.15, 0), **margins)
+    places = boxes(figure, 1, count, gaps=(0.15, 0), **margins)
     return [box.shrunk_to_aspect(1).anchored("C", box) for box in places]
 
 
@@ -97,11 +96,10 @@ def plot_weights(measured: Measured, path: str | os.PathLike, *, power: float = 
         r"compressive $w_C$": whole / safe,
         r"product $w$": whole,
     }
-    size = (8.4, 2.4)
     colours = ScalarMappable(Normalize(0, 1), "viridis")
     with style.paper():
-        figure = Figure(figsize=size)
-        places = _squares(4, size, right=0.6, top=0.5 if title else 0.25)
+        figure = Figure(figsize=(8.4, 2.4))
+        places = _squares(figure, 4, right=0.6, top=0.5 if title else 0.25)
         for box, (name, values) in zip(places, parts.items()):
             values = np.where(keep, values, 0)
             picture = colours.to_rgba(values / (values.max() or 1.0))[..., :3]
@@ -138,10 +136,9 @@ def plot_convergence(channels: Sequence[Mapping[str, Any]], path: str | os.PathL
     low, high = limits(y for own in drawn for *_, y in own)
     margin = max(high / low, 10) ** 0.05
     x, y = linear(-0.05 * longest, max(1.05 * longest, 1), most=6), logarithmic(low / margin, high * margin)
-    size = (8.4, 2.7)
     with style.paper():
-        figure = Figure(figsize=size)
-        places = boxes(1, len(curves), size, top=0.5 if title else 0.25, right=1.6, gaps=(0.2, 0))
+        figure = Figure(figsize=(8.4, 2.7))
+        places = boxes(figure, 1, len(curves), top=0.5 if title else 0.25, right=1.6, gaps=(0.2, 0))
         for number, (box, own, colour) in enumerate(zip(places, drawn, ("red", "green", "blue"))):
             panel = Panel(figure, box, x, y, named="x" if number else "xy")
             panel.label(below="iteration", left="" if number else "objective (relative)", title=colour)

@@ -28,10 +28,9 @@ def plot_functions(fit: Fit, path: str | os.PathLike) -> bool:
     plots = grouped(fit)
     if not plots:
         return False
-    size = (2.8 * len(plots), 2.5)
     with style.paper():
-        figure = Figure(figsize=size)
-        for box, own in zip(boxes(1, len(plots), size), plots.values()):
+        figure = Figure(figsize=(2.8 * len(plots), 2.5))
+        for box, own in zip(boxes(figure, 1, len(plots)), plots.values()):
             _plot(figure, box, own)
         style.save(figure, path)
     return True

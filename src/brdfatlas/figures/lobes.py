@@ -78,7 +78,7 @@ def plot_lobes(
     with style.paper():
         size = (style.PAGE, 1.12 * rows + 0.66)
         figure = Figure(figsize=size)
-        places = boxes(rows, columns, size, top=0.56, left=0.6, gaps=(0.08, 0.22))
+        places = boxes(figure, rows, columns, top=0.56, left=0.6, gaps=(0.08, 0.22))
         x, y = linear(-90, 90, [-60, 0, 60]), logarithmic(low, 4 * top)
         for number, (box, (name, lobes)) in enumerate(zip(places, models.items())):
             named = "x" * (number + columns >= len(models)) + "y" * (number % columns == 0)

@@ -18,8 +18,9 @@ from matplotlib.transforms import Bbox, TransformedBbox
 
 from brdfatlas.figures import style
 
-#: Points: length of a tick's mark, its label's distance; from the frame down to the words of the ticks and of the axis.
-MARK, PAD, WORDS, AXIS = 3.5, 7.0, 12.7, 24.3
+#: Points: length of a tick's mark; from the frame to the words of the ticks, left and down, and down to those of the
+#: axis; from the middle of a digit down to its baseline.
+MARK, PAD, WORDS, AXIS, MIDDLE = 3.5, 7.0, 12.7, 24.3, 2.85
 
 
 @dataclass(frozen=True)
@@ -82,15 +83,14 @@ def _within(ticks: Sequence[float], low: float, high: float) -> list[float]:
     return [float(tick) for tick in ticks if low - slack <= tick <= high + slack]
 
 
-def boxes(rows: int, columns: int, size: tuple[float, float], **margins: Any) -> Iterator[Bbox]:
+def boxes(figure: Figure, rows: int, columns: int, **margins: Any) -> Iterator[Bbox]:
     """Where the panels of a figure are, in inches, row by row; ``margins``: of :func:`brdfatlas.figures.style.grid`."""
-    figure = Figure(figsize=size)
-    below, above, left, right = GridSpec(
-        rows, columns, **style.grid(rows, columns, size, **margins)
-    ).get_grid_positions(figure)
+    size = figure.get_size_inches()
+    grid = GridSpec(rows, columns, **style.grid(rows, columns, size, **margins))
+    below, above, left, right = grid.get_grid_positions(figure)
     for low, high in zip(below, above):
         for start, end in zip(left, right):
-            yield Bbox([[start * size[0], low * size[1]], [end * size[0], high * size[1]]])
+            yield Bbox(np.array([[start, low], [end, high]]) * size)
 
 
 class Panel:
@@ -115,7 +115,7 @@ class Panel:
                 self.text(at, y0 - WORDS / 72, words, ha="center")
         if "y" in named:
             for at, words in zip(up, y.words()):
-                self.text(x0 - PAD / 72, at - 2.85 / 72, words, ha="right")
+                self.text(x0 - PAD / 72, at - MIDDLE / 72, words, ha="right")
 
     def _strokes(self, strokes: Sequence[tuple], **look: Any) -> None:
         """Straight lines as one path."""
