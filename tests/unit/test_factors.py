@@ -14,11 +14,13 @@ from brdfatlas.fits import fit
 from brdfatlas.measured import Measured
 from brdfatlas.measures.physics import directional_albedo
 from brdfatlas.models import MODELS
+from brdfatlas.models.bagher2016 import microfacet_factors
 from brdfatlas.models.bagher2016.awls import Channel, Geometry, g_nodes, node_cosines, pair_sums
 from brdfatlas.models.bagher2016.factors import grid_microfacet
 from brdfatlas.models.bagher2016.microfacet_factors import (
     FactorProblem,
     TableProblem,
+    best_rows,
     g_from_d,
     g_from_d_derivative,
     smoothing_matrix,
@@ -206,6 +208,38 @@ def test_gradient_of_the_joint_step(noisy):
             g = g_from_d(u[0]) if problem.derived else state.g + sign * problem.smoothing @ step[2 * n : -1]
             values.append(problem.objective(u.T @ v, rho_d, problem.channel.contract(g)))
         assert (values[0] - values[1]) / 2 == pytest.approx(-2 * gradient @ step, rel=1e-3), name
+
+
+def test_after_a_joint_step_the_factors_follow_g(noisy, monkeypatch):
+    """u, v and rho_d take better values for the same G, never worse ones; rho_d, the last, the best there is."""
+    for name, problem, state in problems(noisy):
+        if not isinstance(problem, FactorProblem) or problem.derived:
+            continue
+        linear = problem.linearise(state)
+        found = problem.propose(state, linear, 1e-3)
+        monkeypatch.setattr(microfacet_factors, "ROUNDS", 0)
+        plain_step = problem.propose(state, linear, 1e-3)
+        monkeypatch.undo()
+        assert found.objective < plain_step.objective, name
+        assert np.array_equal(found.g, plain_step.g), name
+        slope = problem.wr - found.rho_d * problem.w - np.vdot(found.m, found.sums[0])
+        assert slope <= 1e-9 * problem.wr, name
+        assert found.rho_d == 0 or slope >= -1e-9 * problem.wr, name
+
+
+def test_the_best_rows_are_those_of_weighted_least_squares():
+    random = np.random.default_rng(3)
+    weight, value, old = random.uniform(size=(7, 9)), random.standard_normal((7, 9)), random.standard_normal((3, 7))
+    weight[2] = 0.0  # a row without samples keeps its values
+    v = random.standard_normal((3, 9))
+    found = best_rows(weight, weight * value, v, old)
+    root = np.sqrt(weight)
+    for n in range(7):
+        best = np.linalg.lstsq((root[n] * v).T, root[n] * value[n])[0] if n != 2 else old[:, 2]
+        np.testing.assert_allclose(found[:, n], best, rtol=1e-6)
+    # Of the values that equal products leave open the nearest to the old ones.
+    equal = best_rows(np.ones((7, 9)), value, np.stack([v[0], v[0]]), old[:2])
+    np.testing.assert_allclose(equal[0] - equal[1], old[0] - old[1], rtol=1e-5)
 
 
 def test_smith_integral():

@@ -34,6 +34,8 @@ from brdfatlas.solvers.acceleration import damped_solve
 
 N_H, N_D = N_THETA_H, N_THETA_D
 G_REPETITIONS, G_TOLERANCE = 20, 1e-4
+#: Rounds of updates of the factors after each joint step.
+ROUNDS = 2
 
 
 @cache
@@ -198,16 +200,14 @@ class FactorProblem(_MicrofacetProblem):
 
     def _with(self, state: FactorState, u, v, rho_d) -> FactorState:
         """New u, v, rho_d with the same G (not for a derived G)."""
-        if not self.signed:
-            u, v = clamped(u, self.clamp), clamped(v, self.clamp)
+        u, v = self._bounded(u), self._bounded(v)
         scale = np.abs(v).max(axis=1, keepdims=True)
         scale = np.where(scale > 0, scale, 1.0)
         u, v = u * scale, v / scale
         return FactorState(u, v, state.g, float(rho_d), self.objective(u.T @ v, rho_d, state.sums), state.sums)
 
     def _state(self, u, v, g, rho_d) -> FactorState:
-        if not self.signed:
-            u, v = clamped(u, self.clamp), clamped(v, self.clamp)
+        u, v = self._bounded(u), self._bounded(v)
         if self.derived:
             g = g_from_d(u[0])
         else:
@@ -330,7 +330,40 @@ class FactorProblem(_MicrofacetProblem):
         x = x + step[: x.size]
         g = state.g if self.derived else state.g + self.smoothing @ step[x.size : -1]
         u, v = x[:n_u].reshape(r, N_H), x[n_u:].reshape(r, N_D)
-        return self._state(u, v, g, max(state.rho_d + float(step[-1]), 0.0))
+        trial = self._state(u, v, g, max(state.rho_d + float(step[-1]), 0.0))
+        return trial if self.derived else self._settled(trial)
+
+    def _settled(self, state: FactorState) -> FactorState:
+        """u, v and rho_d, one after another, at their best for a free G.
+
+        A joint step leaves the curved valley of the products, and only a short one would stay in it: this goes back to
+        its bottom, without a pass over the samples. Far fewer steps are needed, and each may be longer.
+        """
+        (s1, s2, r1), u, v = state.sums, state.u, state.v
+        for _ in range(ROUNDS):
+            z = r1 - state.rho_d * s1
+            u = self._bounded(best_rows(s2, z, v, u))
+            v = self._bounded(best_rows(s2.T, z.T, u, v))
+            rho_d = max((self.wr - float(np.vdot(u.T @ v, s1))) / self.w, 0.0)
+            trial = self._with(state, u, v, rho_d)
+            if not trial.objective < state.objective:
+                break
+            state, u, v = trial, trial.u, trial.v
+        return state
+
+    def _bounded(self, factor: np.ndarray) -> np.ndarray:
+        """Not below the clamp, but for products that may be negative."""
+        return factor if self.signed else clamped(factor, self.clamp)
+
+
+def best_rows(s2: np.ndarray, z: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """The u (rank, n) with the least sum of s2 (m - z / s2)^2, m = u.T @ v, for given ``v`` (rank, k) and sums ``s2``,
+    ``z`` (n, k): normal equations a row; nearest to the old ``u`` where they leave it free."""
+    matrix = np.einsum("nk,ik,jk->nij", s2, v, v, optimize=True)
+    weight = np.trace(matrix, axis1=1, axis2=2)[:, None]
+    ridge = 1e-10 * weight + 1e-14 * weight.max() + 1e-300
+    right = z @ v.T + ridge * u.T
+    return np.linalg.solve(matrix + ridge[..., None] * np.eye(len(v)), right[..., None])[..., 0].T
 
 
 class TableProblem(_MicrofacetProblem):
