@@ -261,6 +261,12 @@ def check_material(measured: Measured, seed: int = 0) -> None:
         raise ValueError(
             f"{measured.name}: a table on the full circle; brdfatlas.measured.fold makes a MERL table of it"
         )
+    negative = measured.table < 0  # such as MERL's own marks of cells that were not measured
+    if negative.any():
+        rule = "NaN is for cells that were not measured, 0 for a colour out of gamut"
+        raise ValueError(
+            f"{measured.name}: negative values in {int(negative.any(-1).sum()):,} cells of the table; {rule}"
+        )
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"seed {seed!r}: a whole number from 0 is wanted")
     if not _is_name(measured.name):

@@ -1,13 +1,16 @@
 """Tables of numbers that contradict themselves or say what cannot be: one line, and never numbers in other places."""
 
 import itertools
+import os
 
 import numpy as np
 import pytest
 
 import brdfatlas
+from brdfatlas.angles import GRID_SHAPE
+from brdfatlas.cli import main
 from brdfatlas.formats import tables
-from brdfatlas.measured import MeasuredError
+from brdfatlas.measured import Measured, MeasuredError
 from brdfatlas.models.given import ParameterFileError, read_parameters
 from brdfatlas.settings import ConfigError, check_name
 
@@ -192,3 +195,92 @@ def test_the_name_of_a_row_fits_into_the_name_of_a_file():
     assert check_name("a" * 80, "models.yaml") == "a" * 80
     with pytest.raises(ConfigError, match=r"^models\.yaml: aaa.*80 characters; shorten it$"):
         check_name("a" * 81, "models.yaml")
+
+
+def measured_table(folder, f, unit="{},{},{},{}", head="# values: f\n"):
+    """A regular table of f(i, o, phi), degrees, written row by row as ``unit`` says."""
+    angles = itertools.product((0, 20, 40, 60, 80), (0,), (0, 20, 40, 60, 80), (0, 45, 90, 135, 180))
+    rows = "".join(f"{unit.format(i, p, o, q)},{f(*np.deg2rad((i, o, q)))}\n" for i, p, o, q in angles)
+    (folder / "mine.csv").write_text(head + NAMES.replace("r,g,b", "value") + rows)
+    return folder / "mine.csv"
+
+
+def glossy(i, o, q):
+    """A lobe about the mirror direction, at azimuth pi."""
+    return 0.1 + 0.5 * np.exp(-20 * (np.sin(i) ** 2 + np.sin(o) ** 2 + 2 * np.sin(i) * np.sin(o) * np.cos(q)))
+
+
+DOUBTS = {
+    "nothing": (glossy, ""),
+    "a highlight towards the light": (lambda i, o, q: glossy(i, o, q + np.pi), "brightest towards the light"),
+    "cosines that nobody mentions": (lambda i, o, q: glossy(i, o, q) * np.cos(o), "the values look like f cos"),
+    "another value for each order": (lambda i, o, q: 0.1 + 0.3 * i, "change by"),
+}
+
+
+@pytest.mark.parametrize("what", DOUBTS)
+def test_a_table_that_looks_misread_says_so(tmp_path, what):
+    f, words = DOUBTS[what]
+    told = brdfatlas.read(measured_table(tmp_path, f)).provenance.warnings
+    for doubt in (words for _, words in DOUBTS.values() if words):
+        assert any(doubt in line for line in told) == (doubt == words or (doubt == "change by" and "cos" in words))
+
+
+def test_few_directions_are_told_whatever_the_format(tmp_path):
+    path = measured_table(tmp_path, glossy)
+    few = "".join(row for row in path.open() if not row.startswith(("60", "80")) and ",80," not in row)
+    path.write_text(few)
+    assert any("elsewhere the nearest" in line for line in brdfatlas.read(path).provenance.warnings)
+
+
+@pytest.mark.parametrize("radians", ["phi", "theta", "both"])
+def test_angles_of_two_units_that_nobody_names_are_refused(tmp_path, radians):
+    scale = [np.pi / 180 if radians in (name, "both") else 1 for name in ("theta", "phi")]
+    text = measured_table(tmp_path, glossy).read_text().splitlines()
+    rows = [row.split(",") for row in text[2:]]
+    rows = [",".join([*(f"{float(x) * s:.9g}" for x, s in zip(row, 2 * scale)), row[4]]) for row in rows]
+    (tmp_path / "mine.csv").write_text("\n".join([*text[:2], *rows]) + "\n")
+    with pytest.raises(MeasuredError, match=r"mine\.csv: no (theta|phi) above .*radians\?"):
+        brdfatlas.read(tmp_path / "mine.csv")
+    tables.check(measured_table(tmp_path, glossy, "0.0{},{},0.0{},{}", "# values: f\n# angles: degrees\n"))
+
+
+def test_values_that_disagree_are_those_that_are_named(tmp_path):
+    """Three rows of one pair: the third is another."""
+    path = measured_table(tmp_path, glossy)
+    path.write_text(path.read_text() + "20,0,40,90,0.1\n20,0,40,90,0.9\n")
+    with pytest.raises(MeasuredError) as caught:
+        brdfatlas.read(path)
+    lines = [int(word) for word in str(caught.value).replace(",", " ").split() if word.isdigit()]
+    values = [float(path.read_text().splitlines()[line - 1].split(",")[-1]) for line in lines]
+    assert sorted(values) == [0.1, 0.9]
+    assert "(0.1 and 0.9)" in str(caught.value)
+
+
+def test_the_direction_that_is_too_long_is_named(refused):
+    names = "wi_x,wi_y,wi_z,wo_x,wo_y,wo_z,value\n"
+    (refused.folder / "bad.csv").write_text(f"# values: f\n{names}" + "0,0,2,0,0,1,0.2\n")
+    refused(["info", "bad.csv"], "line 3: a direction of length 2; 1 is wanted")
+
+
+def test_a_table_in_utf_16_says_how_to_save_it(refused):
+    (refused.folder / "bad.csv").write_text(table(), encoding="utf-16")
+    refused(["info", "bad.csv"], "bad.csv: UTF-16 text; save it as UTF-8")
+
+
+def test_a_table_of_a_file_whose_name_is_no_text(tmp_path, monkeypatch, inputs):
+    """Latin-1 names of old disks, or any in the locale C."""
+    monkeypatch.chdir(tmp_path)
+    name = b"\xe9.binary".decode("utf-8", "surrogateescape")
+    os.link(inputs / "measured.binary", name)
+    assert main(["convert", name, "-o", "out.csv", "--step", "30"]) == 0
+    assert brdfatlas.read("out.csv").valid.any()
+
+
+@pytest.mark.parametrize("take", [lambda measured: brdfatlas.fit("lambert", measured), brdfatlas.recommend])
+def test_a_table_with_another_programs_marks_is_not_fitted(take):
+    """MERL files have negative numbers where nothing was measured; as values they would make a black fit."""
+    values = np.full((*GRID_SHAPE, 3), 0.2, np.float32)
+    values[0, 0, 0] = -1
+    with pytest.raises(ValueError, match="negative values in 1 cells"):
+        take(Measured("mine", values))

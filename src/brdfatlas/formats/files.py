@@ -47,6 +47,8 @@ def read_text(path: str | os.PathLike, limit: int) -> str:
     if size > limit:
         raise MeasuredError(f"{path}: {size:,} bytes, at most {limit:,} are read; use fewer directions")
     data = read_bytes(path, limit)
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise MeasuredError(f"{path}: UTF-16 text; save it as UTF-8 text")
     if b"\0" in data:
         raise MeasuredError(f"{path}: byte {data.index(0)}: a NUL in a text file; it is damaged or no text")
     try:

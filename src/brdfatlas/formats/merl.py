@@ -25,8 +25,6 @@ HEADER_BYTES = 12
 FILE_BYTES = HEADER_BYTES + 3 * N_CELLS * 8
 SCALE = np.array([1.0, 1.15, 1.66]) / 1500.0
 STANDIN_MARK, RECONSTRUCTED_MARK = -5.0, -6.0
-#: Share of the cells above the horizon below which pictures show more of what was not measured than a reader expects.
-FEW_CELLS = 0.75
 #: Cells of the largest table of another size that is resampled (2 GB in the file).
 MOST_CELLS = 1 << 26
 
@@ -123,19 +121,13 @@ def read(path: str | os.PathLike, *, standin: bool = False) -> Measured:
     if valid == 0:
         raise MeasuredError(f"{path}: no valid cell, every sample is negative or below the horizon")
     warnings = [] if order == "<" else ["the header is big-endian; the file is read so"]
-    table, measured = table.reshape(*shape, 3), valid
+    table = table.reshape(*shape, 3)
     if shape != GRID_SHAPE:
         table, told = _on_grid(table)
-        measured = int((~np.isnan(table[..., 0])).sum())
         warnings.append(told)
     elif _interleaved(stored, valid):
         warnings.append(
             "values look interleaved (r g b of a cell side by side), MERL files hold one channel after another"
-        )
-    share = measured / above_horizon().sum()
-    if share < FEW_CELLS:
-        warnings.append(
-            f"{100 * share:.3g}% of the cells above the horizon were measured; elsewhere the nearest of them stands in"
         )
     provenance = Provenance(
         format=TITLE,

@@ -134,17 +134,40 @@ def unique(path, samples: Samples) -> tuple[Samples, tuple[str, ...]]:
     gap = np.abs(samples.values - mean[inverse]).max(-1)
     wide = gap > DISAGREE / 2 * np.maximum(np.abs(mean).max(-1)[inverse], 1e-6)
     if wide.any():
-        one = int(np.flatnonzero(wide)[0])
-        other = next(int(i) for i in np.flatnonzero(inverse == inverse[one]) if i != one)
-        a, b = sorted((int(samples.places[one]), int(samples.places[other])))
+        same = np.flatnonzero(inverse == inverse[np.flatnonzero(wide)[0]])
+        values = samples.values[same, np.ptp(samples.values[same], axis=0).argmax()]
+        (a, one), (b, other) = sorted(
+            (int(samples.places[same[i]]), values[i]) for i in (values.argmin(), values.argmax())
+        )
         raise MeasuredError(
             f"{path}: lines {a} and {b} give one pair of directions, as seen from the normal, different values "
-            f"({samples.values[one].max():.4g} and {samples.values[other].max():.4g}): remove one, or the sample is "
-            "anisotropic, which is not read"
+            f"({one:.4g} and {other:.4g}): remove one, or the sample is anisotropic, which is not read"
         )
     order = np.sort(first)
     kept = Samples(samples.wi[order], samples.wo[order], mean[inverse[order]], samples.places[order])
     return kept, (f"{len(key) - len(first):,} pairs of directions are there more than once; their values are averaged",)
+
+
+def exchanged(samples: Samples) -> tuple[str, ...]:
+    """A word on samples whose values change where the two directions are exchanged, by more than DISAGREE in the
+    median: of reflectance they do not, times cos(theta_o) they do."""
+    there, back = disk(samples.wi, samples.wo), disk(samples.wo, samples.wi)
+    near, other = _tree(there).query(back, distance_upper_bound=SAME_PAIR)
+    total, cosine = samples.values.sum(1), samples.wo[:, 2]
+    one = np.flatnonzero(near < np.inf)
+    other = other[one]
+    one, other = (
+        i[(np.abs(cosine[one] - cosine[other]) > 0.05) & (total[one] > 0) & (total[other] > 0)] for i in (one, other)
+    )
+    if len(one) < FEWEST:
+        return ()
+    change = np.log(total[one] / total[other])
+    middle = float(np.median(np.abs(change)))
+    if middle < DISAGREE:
+        return ()
+    left = float(np.median(np.abs(change - np.log(cosine[one] / cosine[other]))))
+    cause = "; the values look like f cos (# values: f cos)" if left < middle / 2 else ""
+    return (f"values change by {np.expm1(middle):.0%} where directions are exchanged, their mean is taken{cause}",)
 
 
 def _split(values: np.ndarray) -> np.ndarray:
@@ -357,8 +380,9 @@ def _everywhere(source, samples: Samples, phi_d: np.ndarray, steps: np.ndarray |
 
 
 def on_sphere(path, columns: np.ndarray, places: np.ndarray, unit: str):
-    """Unit vectors wi, wo (n, 3) of rows theta_i phi_i theta_o phi_o in ``unit`` "degrees" or "radians", or of six
-    components ("vectors"); which rows are kept (bool), and words on those that are not, at exactly 90 degrees.
+    """Unit vectors wi, wo (n, 3) of rows theta_i phi_i theta_o phi_o in ``unit`` "degrees" or "radians" ("" for
+    degrees that nobody stated), or of six components ("vectors"); which rows are kept (bool), and words on those that
+    are not, at exactly 90 degrees.
 
     MeasuredError, naming the line, for a direction below the surface, one that is no unit vector, and angles that are
     in the other unit by their looks.
@@ -369,14 +393,17 @@ def on_sphere(path, columns: np.ndarray, places: np.ndarray, unit: str):
         off = (np.abs(length - 1) > 1e-2).any(1)
         if off.any():
             at = int(np.flatnonzero(off)[0])
-            raise MeasuredError(f"{path}: line {places[at]}: a direction of length {length[at].min():.4g}; 1 is wanted")
+            worst = length[at, np.abs(length[at] - 1).argmax()]
+            raise MeasuredError(f"{path}: line {places[at]}: a direction of length {worst:.4g}; 1 is wanted")
         wi, wo = wi / length[:, :1], wo / length[:, 1:]
     else:
         theta, phi = columns[:, 0::2], columns[:, 1::2]
-        small = np.abs(theta).max() <= np.pi / 2 + 1e-3 and np.abs(phi).max() <= 2 * np.pi + 1e-3
-        if unit == "degrees" and small and len(columns) > 1:
-            told = f"no angle above {np.abs(columns).max():.3g}: radians? Degrees are wanted, or # angles: radians"
-            raise MeasuredError(f"{path}: {told}")
+        for name, angles, turn, least in (("theta", theta, np.pi / 2, 0.0), ("phi", phi, 2 * np.pi, 0.1)):
+            largest = np.abs(angles).max()
+            if not unit and least < largest <= turn + 1e-3 and len(columns) > 1:
+                told = f"no {name} above {largest:.3g}: radians? Bring all angles to one unit and name it"
+                raise MeasuredError(f"{path}: {told}, # angles: degrees or # angles: radians")
+        unit = unit or "degrees"
         if unit == "radians" and (np.abs(theta).max() > 2 * np.pi or np.abs(phi).max() > 4 * np.pi):
             at = int(np.argmax(np.abs(columns).max(1)))
             raise MeasuredError(
@@ -443,6 +470,7 @@ def checked(path, samples: Samples) -> tuple[Samples, float, tuple[str, ...]]:
 def to_measured(path, samples: Samples, *, format: str, warnings: tuple[str, ...] = (), **about: str) -> Measured:
     """Samples as a Measured of the MERL grid; ``about``: source, instrument, note, kind of a Provenance."""
     samples, share, told = checked(path, samples)
+    told = (*told, *exchanged(samples))
     if not regular(samples):
         samples, lost = without_dropouts(samples)
         told = (*told, *lost)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfatlas.files import HEAD_BYTES, atomic_path
+from brdfatlas.files import HEAD_BYTES, atomic_path, shown
 from brdfatlas.formats import spectral
 from brdfatlas.formats.files import check_values, numbers, read_bytes, read_text
 from brdfatlas.formats.scattered import Samples, checked, on_sphere, to_measured
@@ -225,7 +225,7 @@ def _load(path: str | os.PathLike) -> tuple[Samples, dict[str, str], tuple[str, 
     if not np.isfinite(rows).all():
         at = int(np.flatnonzero(~np.isfinite(rows).all(1))[0])
         raise MeasuredError(f"{path}: line {places[at]}: NaN or Inf; remove the row or correct it")
-    unit = "vectors" if len(directions) == 6 else header.angles or "degrees"
+    unit = "vectors" if len(directions) == 6 else header.angles
     wi, wo, keep, warnings = on_sphere(path, rows[:, : len(directions)], places, unit)
     values = rows[keep, len(directions) :]
     if header.quantity == F_COS:
@@ -277,7 +277,8 @@ def write_csv(
     rows = np.concatenate([np.rad2deg(np.stack(angles, -1)), values], -1)
     rows = rows[np.isfinite(rows).all(1)]
     marked = f"# kind: {kind}\n" if kind != MEASURED else ""
-    head = f"# values: f\n# angles: degrees\n{marked}# note: {' '.join(about.split())}\n{','.join((*ANGLES, *COLOURS))}"
+    note = shown(" ".join(about.split()))  # a file's name may hold what is no text
+    head = f"# values: f\n# angles: degrees\n{marked}# note: {note}\n{','.join((*ANGLES, *COLOURS))}"
     with atomic_path(path) as temporary:
         np.savetxt(temporary, rows, "%.9g", ",", header=head, comments="", encoding="utf-8")
     return len(rows)
