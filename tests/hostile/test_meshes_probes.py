@@ -1,5 +1,7 @@
 """No mesh and no probe ends the process: each is parsed here, and its fault is one line with key and file."""
 
+import contextlib
+import json
 import os
 import struct
 import subprocess
@@ -10,8 +12,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from brdfatlas.rendering import use_variant
 from brdfatlas.rendering.environments import ProbeError, environment_image, read_probe
 from brdfatlas.rendering.meshes import MeshError, read_mesh
+from brdfatlas.rendering.scenes import SceneError, prepare_scene, read_scenes
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 FACES = np.array(
@@ -60,6 +64,45 @@ def test_every_form_of_a_cube_is_the_cube(tmp_path, form, quads):
         a, b, c = (vertices[faces[:, i]] for i in range(3))
         assert abs((np.cross(a, b) * c).sum() / 6) == pytest.approx(8)
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=1e-6)
+
+
+@pytest.mark.parametrize("change", [b"\xef\xbb\xbf".__add__, lambda data: data.replace(b"\n", b"\r")])
+def test_an_obj_file_of_another_system_is_the_cube(tmp_path, change):
+    data = obj().replace(b"\nf", b" # a comment\n# another\nf")
+    (tmp_path / "a.obj").write_bytes(data)
+    (tmp_path / "b.obj").write_bytes(change(data))
+    one, other = (read_mesh(str(tmp_path / name), "k")[:3] for name in ("a.obj", "b.obj"))
+    for a, b in zip(one, other):
+        np.testing.assert_array_equal(a, b)
+    assert len(one[1]) == 12
+
+
+SOUP = CUBE[FACES].reshape(-1, 3)
+BACKS = {
+    "none": ("mesh", 0, None, ""),
+    "some faces": ("mesh", 4, None, "of the material is its back"),
+    "all faces": ("mesh", 12, SceneError, "100% of what is seen of the material is its back"),
+    "a sphere from inside": ("sphere", 0, SceneError, "100% of what is seen of the material is its back"),
+}
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
+@pytest.mark.parametrize("what", BACKS)
+def test_backs_of_a_material_make_no_black_picture_without_a_word(tmp_path, monkeypatch, variant, what):
+    """Faces without normals of their own, the last so many of them turned; a corner for each, so none is smoothed."""
+    use_variant(variant)
+    monkeypatch.chdir(tmp_path)
+    shape, turned, error, words = BACKS[what]
+    faces = np.arange(36).reshape(-1, 3) + 1
+    faces[len(faces) - turned :] = faces[len(faces) - turned :, ::-1]
+    (tmp_path / "a.obj").write_bytes(obj(SOUP, faces))
+    geometry = {"shape": shape, "size": 2} | ({"file": "a.obj"} if shape == "mesh" else {})
+    camera = {"origin": [1.4, 1, -0.5] if shape == "sphere" else [6, 5, -4], "target": [0, 0.9, 0]}
+    mine = {"geometry": [geometry], "environment": {"kind": "overcast", "width": 16}, "camera": camera}
+    (tmp_path / "scenes.yaml").write_text(json.dumps({"mine": mine}))
+    with pytest.raises(error, match=f"mine: {words}") if error else contextlib.nullcontext():
+        scene = prepare_scene("mine", read_scenes("scenes.yaml")["mine"], 16, 1)
+        assert any("is its back" in note for note in scene.notes) == bool(words)
 
 
 def test_meshes_are_what_mitsuba_reads(tmp_path):
@@ -255,8 +298,8 @@ def test_good_probes_are_read(tmp_path):
     np.testing.assert_allclose(read_probe(str(tmp_path / "d.hdr"), "latlong", 16, "k"), 1.0, rtol=0.01)
 
 
-@pytest.mark.parametrize("scale", [float("inf"), float("nan"), 1e39])
-def test_a_scale_that_overflows_is_named(tmp_path, scale):
+@pytest.mark.parametrize("scale", [float("inf"), float("nan"), 1e39, 1e30, 1e-40])
+def test_a_scale_that_overflows_or_vanishes_is_named(tmp_path, scale):
     (tmp_path / "a.pfm").write_bytes(pfm())
     environment = {"kind": "file", "file": str(tmp_path / "a.pfm"), "mapping": "latlong", "width": 16, "turn": 0}
     with pytest.raises(ProbeError, match=r"^scenes.yaml: mine.environment.scale: "):

@@ -15,6 +15,8 @@ from brdfatlas.files import digits
 from brdfatlas.rendering.images import MOST_PIXELS, load_exr
 
 HDR_SUFFIXES = (".hdr", ".rgbe", ".pfm", ".exr")
+#: Least and most of the largest radiance: its square, times that of a highlight, is within float32.
+DARKEST, BRIGHTEST = 1e-12, 1e12
 
 
 class ProbeError(ValueError):
@@ -284,6 +286,8 @@ def environment_image(environment: Mapping[str, Any], key: str) -> np.ndarray:
         image = _render({"studio": studio, "overcast": overcast, "hall": hall}[kind], width)
     with np.errstate(over="ignore"):
         scaled = np.ascontiguousarray(turned(image, environment["turn"]) * environment["scale"], np.float32)
-    if not np.isfinite(scaled).all():
-        raise ProbeError(f"{key}.scale: {environment['scale']:g} makes radiance infinite; take a smaller one")
+    largest = float(scaled.max())
+    if not DARKEST <= largest <= BRIGHTEST:
+        told = f"with scale {environment['scale']:g} the largest radiance is {largest:g}"
+        raise ProbeError(f"{key}.scale: {told}; {DARKEST:g} to {BRIGHTEST:g} can be rendered")
     return scaled

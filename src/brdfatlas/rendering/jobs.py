@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -242,6 +243,8 @@ def render_file(
         item = Measured(item.material, item.table(), item.standin)
     use_variant(variant)
     prepared = prepare_scene(scene, definitions[scene], size, source=str(source))
+    for note in prepared.notes:
+        print(note, file=sys.stderr)
     if integrator == "direct":
         render = render_scene(prepared, item, samples=samples, batches=batches, seed=seed)
     else:

@@ -238,8 +238,8 @@ def _parse_obj(data: bytes) -> _Parsed:
     """v, vn and f of an OBJ; a vertex that has several normals is taken once for each."""
     positions, normals, polygons = [], [], []
     known: dict[tuple[int, int], int] = {}
-    for number, line in enumerate(data.split(b"\n"), 1):
-        words = line.split()
+    for number, line in enumerate(data.removeprefix(b"\xef\xbb\xbf").splitlines(), 1):
+        words = line.split(b"#")[0].split()
         if not words or words[0] not in (b"v", b"vn", b"f"):
             continue
         try:

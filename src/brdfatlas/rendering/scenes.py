@@ -300,7 +300,13 @@ def prepare_scene(
     bare = PreparedScene(name, scene, size, environment, meshes, black, empty, points, notes)
     loaded = mi.load_dict(mitsuba_scene(bare, BLACK))
     background = np.array(mi.render(loaded, spp=samples, seed=0), np.float32)
-    coverage = _coverage(loaded, scene, size)
+    coverage, back = _coverage(loaded, scene, size)
+    share = float(back.sum() / max(coverage.sum(), 1e-9))
+    fault = f"{share:.0%} of what is seen of the material is its back, which reflects nothing"
+    if share > 0.5:
+        raise SceneError(f"{where}: {fault}; turn faces and normals of the mesh outward, or move the camera")
+    if share > 0.05:  # a coarse mesh has as much at its silhouette
+        notes = (*notes, f"{where}: {fault}")
     if coverage.max() < 0.9999:
         fault = f"no pixel of {size} x {size} shows the material alone"
         raise SceneError(f"{where}: {fault}; take a larger size, or move the camera or the shapes")
@@ -324,29 +330,32 @@ def material_shapes(loaded: Any, scene: Mapping[str, Any]) -> list[Any]:
     return [shapes[f"shape{n}"] for n, shape in enumerate(scene["geometry"]) if shape["surface"] == "material"]
 
 
-def _coverage(loaded: Any, scene: Mapping[str, Any], size: int) -> np.ndarray:
-    """Share of a pixel's camera rays, those through its corners among them, that find a shape with the material."""
+def _coverage(loaded: Any, scene: Mapping[str, Any], size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Share of a pixel's camera rays, those through its corners among them, that find a shape with the material, and
+    share that find it from behind; (size, size) float32 each."""
     import drjit as dr
     import mitsuba as mi
 
     sensor = loaded.sensors()[0]
     shapes = material_shapes(loaded, scene)
     if not dr.is_jit_v(mi.Float):
-        side, total = 3, np.zeros((size, size), np.float32)
+        side, total = 3, np.zeros((2, size, size), np.float32)
         for row, column, y, x in np.ndindex(size, size, side, side):
             at = mi.Point2f((column + x / (side - 1)) / size, (row + y / (side - 1)) / size)
-            hit = loaded.ray_intersect_preliminary(sensor.sample_ray(0.0, 0.5, at, mi.Point2f(0.5))[0])
-            total[row, column] += hit.is_valid() and any(hit.shape == shape for shape in shapes)
-        return total / side**2
-    side, total = 8, np.zeros(size * size, np.float32)
-    shapes = [mi.ShapePtr(shape) for shape in shapes]
-    column, row = np.meshgrid(np.arange(size), np.arange(size))
-    for fine in np.ndindex(side, side):
-        at = [((c.ravel() + f / (side - 1)) / size) for c, f in zip((column, row), fine)]
-        ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(mi.Float(at[0]), mi.Float(at[1])), mi.Point2f(0.5))
-        hit = loaded.ray_intersect_preliminary(ray, coherent=True)
-        found = dr.full(mi.Bool, False, size * size)
-        for shape in shapes:
-            found |= hit.is_valid() & (hit.shape == shape)
-        total += np.array(found, np.float32)
-    return total.reshape(size, size) / side**2
+            hit = loaded.ray_intersect(sensor.sample_ray(0.0, 0.5, at, mi.Point2f(0.5))[0])
+            found = hit.is_valid() and any(hit.shape == shape for shape in shapes)
+            total[:, row, column] += found, found and hit.wi.z <= 0
+    else:
+        side, total = 8, np.zeros((2, size * size), np.float32)
+        shapes = [mi.ShapePtr(shape) for shape in shapes]
+        column, row = np.meshgrid(np.arange(size), np.arange(size))
+        for fine in np.ndindex(side, side):
+            at = [((c.ravel() + f / (side - 1)) / size) for c, f in zip((column, row), fine)]
+            ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(mi.Float(at[0]), mi.Float(at[1])), mi.Point2f(0.5))
+            hit = loaded.ray_intersect(ray)
+            found = dr.full(mi.Bool, False, size * size)
+            for shape in shapes:
+                found |= hit.is_valid() & (hit.shape == shape)
+            total += np.array(found), np.array(found & (hit.wi.z <= 0))
+    coverage, back = total.reshape(2, size, size) / side**2
+    return coverage, back
