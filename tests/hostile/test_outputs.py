@@ -13,6 +13,7 @@ from conftest import state
 import brdfatlas
 from brdfatlas import files
 from brdfatlas.cli import main
+from brdfatlas.export.targets import stem_of
 from brdfatlas.recommend import Recommendation, Row
 
 #: Command with {o} for its output -> the inputs it reads.
@@ -481,3 +482,10 @@ def test_a_folder_that_cannot_be(refused, linked, folder):
     linked("measured.binary")
     (refused.folder / "dangling").symlink_to("nowhere")
     refused(["recommend", "measured.binary", "--models", "lambert", "-o", folder], "name another")
+
+
+def test_a_scene_file_that_mitsuba_could_not_load_is_not_written(refused, linked):
+    """``$`` names a parameter in any attribute of a scene, and nothing escapes it."""
+    linked("ward.npz")
+    refused(["export", "ward.npz", "--to", "mitsuba", "-o", "$a.xml"], "$a.npz: Mitsuba takes $", "another output")
+    assert "$" not in stem_of("$a", "ward")

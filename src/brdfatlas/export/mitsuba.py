@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from brdfatlas.export.facts import facts
+from brdfatlas.export.facts import ExportError, facts
 from brdfatlas.files import shown, write_text
 from brdfatlas.fits import Fit
 
@@ -52,6 +52,10 @@ def export_mitsuba(fit: Fit, path: str | os.PathLike, more: Mapping[str, Any] | 
     ElementTree.indent(scene)
     files = [path]
     if material["type"] == "brdfatlas":
+        if "$" in beside.name:  # in any attribute, and there is no escape
+            raise ExportError(
+                f"{shown(beside.name)}: Mitsuba takes $ for a parameter of the scene; name another output"
+            )
         scene.insert(0, comment("needs the plugin: brdfatlas.rendering.register() before loading"))
         fit.save(beside)
         files.append(beside)

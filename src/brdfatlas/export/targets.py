@@ -39,8 +39,9 @@ def models_for(target: str) -> list[str]:
 
 
 def stem_of(material: str, model: str) -> str:
-    """How the files of a fit begin, whatever its material is called: no path, nothing that is not printable."""
-    plain = "".join(c if c.isprintable() and c not in "/\\" else "_" for c in f"{material}-{model}")
+    """How the files of a fit begin, whatever its material is called: no path, nothing that is not printable,
+    no ``$``, by which Mitsuba names a parameter."""
+    plain = "".join(c if c.isprintable() and c not in "/\\$" else "_" for c in f"{material}-{model}")
     return plain.encode()[:200].decode(errors="ignore")
 
 
