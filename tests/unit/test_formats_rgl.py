@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import brdfatlas
+from brdfatlas.angles import directions, grid_axes
 from brdfatlas.formats import rgl
 from brdfatlas.formats.plausibility import mean_albedo
 from brdfatlas.measured import MeasuredError
@@ -140,6 +141,22 @@ def test_negative_channels_are_colours_out_of_gamut(tmp_path):
     assert measured.provenance.shares["out of gamut"] == 1
     assert (measured.table[measured.valid][:, 0] == 0).all()
     assert (measured.table[measured.valid][:, 1:] > 0).all()
+
+
+def test_what_a_file_does_not_hold_is_not_measured(tmp_path):
+    """Incidences beside those of the file, and cells all of whose channels are negative."""
+    fields = tensors()
+    fields["theta_i"] = np.deg2rad([20, 40, 60]).astype("f4")
+    fields["rgb"][:, :, :, :3] *= -1
+    (tmp_path / "some.bsdf").write_bytes(container(fields))
+    measured = brdfatlas.read(tmp_path / "some.bsdf")
+    wi, wo = directions(*(axis[measured.valid] for axis in np.broadcast_arrays(*grid_axes())))
+    angles = np.rad2deg(np.arccos(np.stack([wi[:, 2], wo[:, 2]])))
+    assert 19 <= angles.min() < 20 < 60 < angles.max() <= 61
+    stored = rgl.read_tensors(tmp_path / "some.bsdf")
+    exact = rgl.evaluate(stored, wi, wo) + rgl.evaluate(stored, wo, wi)
+    assert (exact >= 0).any(-1).all()
+    assert any("elsewhere the nearest" in line for line in measured.provenance.warnings)
 
 
 def test_spectral_files_are_read_in_rgb(tmp_path):

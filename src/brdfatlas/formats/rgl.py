@@ -262,23 +262,27 @@ def evaluate(tensors: Tensors, wi, wo) -> np.ndarray:
 
 def read(path: str | os.PathLike) -> Measured:
     """An isotropic file on the MERL grid: the mean of both orders at every cell centre whose directions are within
-    LAST_ANGLE of the normal. Raises MeasuredError (one line: file, field, fault and remedy)."""
+    LAST_ANGLE of the normal and, but for a degree, within the file's theta_i; a cell with all channels negative was not
+    measured. Raises MeasuredError (one line: file, field, fault and remedy)."""
     path = Path(path)
     tensors = read_tensors(path)
-    wanted = above_horizon() & (np.minimum(*grid_cosines()) >= np.cos(LAST_ANGLE))
+    first, last = tensors.theta_i[[0, -1]] + np.deg2rad([-1, 1])
+    last = min(last, LAST_ANGLE)
+    wanted = above_horizon() & (np.minimum(*grid_cosines()) >= np.cos(last))
+    wanted &= np.maximum(*grid_cosines()) <= np.cos(max(first, 0))
     axes = np.broadcast_arrays(*grid_axes())
     wi, wo = directions(*(axis[wanted] for axis in axes))
     values = (evaluate(tensors, wi, wo) + evaluate(tensors, wo, wi)) / 2
-    there = np.isfinite(values).all(-1)
+    there = np.isfinite(values).all(-1) & (values >= 0).any(-1)
     if not there.any():
-        raise MeasuredError(f"{path}: no value within {np.rad2deg(LAST_ANGLE):.0f} degrees of the normal")
+        raise MeasuredError(f"{path}: no value of 0 or more within {np.rad2deg(last):.0f} degrees of the normal")
     if values[there].max() > MAX_VALUE:
         raise MeasuredError(f"{path}: a value of {values[there].max():.3g} 1/sr; {MAX_VALUE:g} is the most accepted")
     negative = (values[there] < 0).any(-1)
     values[there] = np.maximum(values[there], 0)
     table = np.full((*GRID_SHAPE, 3), np.nan, np.float32)
     table[wanted] = np.where(there[:, None], values, np.nan)
-    told = f"directions beyond {np.rad2deg(LAST_ANGLE):.0f} degrees are left out: values there are extrapolated"
+    told = f"directions beyond {np.rad2deg(last):.0f} degrees are left out: values there are extrapolated"
     provenance = Provenance(
         format=TITLE,
         source="RGL material database (Dupuy and Jakob 2018)",
