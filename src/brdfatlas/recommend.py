@@ -10,12 +10,15 @@ Fits run in worker processes. So a script keeps its own code behind ``if __name_
 
 import multiprocessing
 import os
+import pickle
+import shutil
 import signal
 import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from multiprocessing import resource_tracker
@@ -208,8 +211,9 @@ def recommend(
     with what was assumed of the file or looks wrong in it.
 
     Raises ValueError (MeasuredError) for a file that cannot be read, an unknown target or a number out of range,
-    TypeError for what is no path or no names, KeyError for an unknown model. A model without a fit for this material
-    has a row with the reason.
+    TypeError for what is no path or no names, KeyError for an unknown model, ChildProcessError where a worker process
+    ends, as it does where a script has its own code outside ``if __name__ == "__main__":``. A model without a
+    fit for this material has a row with the reason.
     """
     from brdfatlas.rendering.scenes import check_settings
 
@@ -262,13 +266,19 @@ def _remember(measured: Measured) -> None:
     _measured = measured
 
 
-def _start_worker(measured: Measured) -> None:
-    """A worker ends with the process that it works for, also where that is killed."""
-    _remember(measured)
+def _start_worker(path: Path) -> None:
+    """A worker ends with the process that it works for, also where that is killed, and takes its file along."""
+    _remember(pickle.loads(path.read_bytes()))
     sys.stdout = sys.stderr  # what models print is no part of a result
     parent = multiprocessing.parent_process()
     assert parent is not None
-    threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+
+    def follow() -> None:
+        parent.join()
+        shutil.rmtree(path.parent, ignore_errors=True)
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 @contextmanager
@@ -305,15 +315,24 @@ def _fit_all(
         return
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    with ProcessPoolExecutor(min(processes, len(order)), context, _start_worker, (measured,)) as pool:
-        try:
-            with _without_interrupts():
-                futures = [pool.submit(_fit_one, entry, seed) for entry in order]
-            yield from (future.result() for future in as_completed(futures))
-        except BaseException:  # nobody waits for the rest
-            for worker in set(multiprocessing.active_children()) - others:
-                worker.terminate()
-            raise
+    with tempfile.TemporaryDirectory(prefix="brdfatlas.") as folder:
+        # Not an argument of the workers: one that ends before it has read so much keeps its starter waiting for ever.
+        path = Path(folder) / "measured"
+        path.write_bytes(pickle.dumps(measured))
+        with ProcessPoolExecutor(min(processes, len(order)), context, _start_worker, (path,)) as pool:
+            try:
+                with _without_interrupts():
+                    futures = [pool.submit(_fit_one, entry, seed) for entry in order]
+                yield from (future.result() for future in as_completed(futures))
+            except BrokenProcessPool:
+                raise ChildProcessError(
+                    "a worker process ended: it was killed, for want of memory perhaps, or the script that calls "
+                    'recommend has its own code outside `if __name__ == "__main__":`; ask for processes=1'
+                ) from None
+            except BaseException:  # nobody waits for the rest
+                for worker in set(multiprocessing.active_children()) - others:
+                    worker.terminate()
+                raise
 
 
 # Pictures --------------------------------------------------------------------------------------------------------

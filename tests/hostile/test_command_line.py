@@ -506,3 +506,18 @@ def test_workers_of_a_recommendation_end_with_it(tmp_path, number):
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize("from_stdin", [False, True])
+def test_a_script_without_a_guard_is_told_and_does_not_hang(inputs, tmp_path, from_stdin):
+    """Each worker imports the script of its parent, and ends there before it has read what it was given."""
+    code = f"import brdfatlas\nbrdfatlas.recommend({str(inputs / 'measured.binary')!r}, models=['lambert', 'ggx'])\n"
+    (tmp_path / "mine.py").write_text(code)
+    command = [sys.executable, "-"] if from_stdin else [sys.executable, "mine.py"]
+    environment = os.environ | {"PYTHONPATH": str(Path(brdfatlas.__file__).parents[1]), "TMPDIR": str(tmp_path)}
+    done = subprocess.run(
+        command, input=code, capture_output=True, text=True, timeout=300, cwd=tmp_path, env=environment
+    )
+    assert done.returncode == 1
+    assert 'outside `if __name__ == "__main__":`; ask for processes=1' in done.stderr.splitlines()[-1]
+    assert not list(tmp_path.glob("brdfatlas.*"))
