@@ -217,15 +217,8 @@ def recommend(
     """
     from brdfatlas.rendering.scenes import check_settings
 
-    if target is not None and target not in TARGETS:
-        raise ValueError(f"unknown target {target!r}; known targets: {', '.join(TARGETS)}")
-    if not isinstance(processes, int | np.integer) or processes < 1:
-        raise ValueError(f"processes {processes!r}: a whole number from 1 is wanted")
+    _check(budget, target, models, processes)
     check_settings(size, samples, BATCHES, where="")
-    if budget is not None and not (isinstance(budget, int | float | np.number) and budget >= 0):
-        raise ValueError(f"budget {budget!r}: a number of bytes from 0 is wanted")
-    if models is not None and (isinstance(models, bytes) or not isinstance(models, Iterable)):
-        raise TypeError(f"models {models!r}: names of models are wanted")
     tell = progress or (lambda line: None)
     measured = measured if isinstance(measured, Measured) else read(measured)
     check_material(measured, seed)
@@ -254,6 +247,18 @@ def recommend(
     conditions = {"budget": budget, "target": target}
     winner = choose(rows, **conditions)  # type: ignore[arg-type]
     return Recommendation(measured.name, tuple(rows), winner, fits, renders, tone)  # type: ignore[arg-type]
+
+
+def _check(budget: Any, target: Any, models: Any, processes: Any) -> None:
+    """ValueError or TypeError for arguments of :func:`recommend` that are none."""
+    if target is not None and target not in TARGETS:
+        raise ValueError(f"unknown target {target!r}; known targets: {', '.join(TARGETS)}")
+    if not isinstance(processes, int | np.integer) or processes < 1:
+        raise ValueError(f"processes {processes!r}: a whole number from 1 is wanted")
+    if budget is not None and not (isinstance(budget, int | float | np.number) and budget >= 0):
+        raise ValueError(f"budget {budget!r}: a number of bytes from 0 is wanted")
+    if models is not None and (isinstance(models, bytes) or not isinstance(models, Iterable)):
+        raise TypeError(f"models {models!r}: names of models are wanted")
 
 
 # Fits in workers -------------------------------------------------------------------------------------------------

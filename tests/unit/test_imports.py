@@ -67,3 +67,13 @@ def test_solvers_know_no_model():
     for name, path in MODULES.items():
         if name.split(".")[0] in ("solvers", "objectives", "sampling"):
             assert not {other for other in imports_of(path, everywhere=True) if other.startswith(("models", "fits"))}
+
+
+def test_functions_are_of_a_size_to_be_read():
+    long = [
+        f"{path.name}: {node.name}"
+        for path in ROOT.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno - node.lineno >= 60
+    ]
+    assert long == []

@@ -127,10 +127,7 @@ def write_material_page(
     material = read_material(material_file, fit_files, errors_file, brdf_errors_file)
     summary = summarise_run([material], {name: model_facts(name) for name in models})
     entries = make_entries(material, summary, scenes, published)
-    for entry in entries:
-        entry.stem = stem_of(material.name, entry.name)
-        base = f"{quote(material.name)}/fits/{quote(entry.stem)}"
-        entry.files = [(end, f"{base}{end}", ENDINGS[end]) for end in files_of(pictures, entry.name)]
+    _add_files(entries, material.name, pictures)
     write_thumbnail(pictures, scenes, models)
     place = list(materials).index(material.name)
     by_name = {entry.name: entry for entry in entries}
@@ -162,6 +159,14 @@ def write_material_page(
         script=page_data(material, summary, entries, scenes),
         data_links=_write_tables(data, material, entries, summary),
     )
+
+
+def _add_files(entries: Sequence[Entry], material: str, pictures: Path) -> None:
+    """Say which files of each fit there are to take away."""
+    for entry in entries:
+        entry.stem = stem_of(material, entry.name)
+        base = f"{quote(material)}/fits/{quote(entry.stem)}"
+        entry.files = [(end, f"{base}{end}", ENDINGS[end]) for end in files_of(pictures, entry.name)]
 
 
 def _pictured(
