@@ -5,11 +5,14 @@ from functools import cache
 import numpy as np
 
 from brdfatlas.angles import above_horizon, grid_cosines, pair_measure, theta_d_centres, theta_h_centres
+from brdfatlas.compiled import njit
 
 #: Share of the cells above the horizon below which pictures show more of what was not measured than a reader expects.
 FEW_CELLS = 0.75
 #: How much brighter than in the mirror direction a material may be towards its light; no measured one reaches 1.
 BACKWARD = 2.0
+#: 1/sr beyond which neither the albedo nor the median is.
+UNSCALED = 100.0
 
 
 @cache
@@ -21,12 +24,23 @@ def _weight() -> np.ndarray:
     return weight
 
 
+@njit(cache=True, nogil=True)
+def _weighted(table, weight):
+    """Weight of the cells (n, 3) with values and the weighted sum of rgb; every job of a run reads its material."""
+    total, rgb = 0.0, np.zeros(3)
+    for i in range(weight.size):
+        if not np.isnan(table[i, 0]):
+            total += weight[i]
+            for c in range(3):
+                rgb[c] += weight[i] * table[i, c]
+    return total, rgb
+
+
 def mean_albedo(table: np.ndarray) -> np.ndarray:
     """Bihemispherical albedo rgb of a (90, 90, 180, 3) table: pi times the mean of f over pairs of directions, each
     weighted by both cosines, over the valid cells. A Lambertian table gives its albedo exactly."""
-    valid = ~np.isnan(table[..., 0])
-    weight = _weight()[valid].astype(float)
-    return np.pi * (weight @ table[valid]) / max(weight.sum(), 1e-300)
+    total, rgb = _weighted(table.reshape(-1, 3), _weight().ravel())
+    return np.pi * rgb / max(total, 1e-300)
 
 
 def suspicions(table: np.ndarray) -> tuple[str, ...]:
@@ -52,13 +66,15 @@ def _backward(table: np.ndarray) -> tuple[str, ...]:
 
 
 def _scale(table: np.ndarray) -> tuple[str, ...]:
-    values = table[~np.isnan(table[..., 0])]
-    albedo, median, largest = float(mean_albedo(table).max()), float(np.median(values)), float(values.max())
-    told = f"albedo {albedo:.3g}, median {median:.3g}, largest value {largest:.3g} 1/sr"
-    if median > 100 or albedo > 100:
-        return (f"values look unscaled ({told}): were MERL's factors (1, 1.15, 1.66)/1500 left out?",)
-    if largest < 1e-3 or albedo < 1e-3:
-        return (f"values look scaled twice ({told}): were MERL's factors applied before the file was written?",)
-    if albedo > 1.2:
-        return (f"more light is reflected than arrives ({told}): check the scale of the file",)
-    return ()
+    """A suspicion on the scale; half of the values above UNSCALED are those of no reflectance."""
+    values = np.count_nonzero(~np.isnan(table))
+    albedo, largest = float(mean_albedo(table).max()), float(np.fmax.reduce(table, axis=None))
+    if 2 * np.count_nonzero(table > UNSCALED) > values or albedo > UNSCALED:
+        told = "values look unscaled ({}): were MERL's factors (1, 1.15, 1.66)/1500 left out?"
+    elif largest < 1e-3 or albedo < 1e-3:
+        told = "values look scaled twice ({}): were MERL's factors applied before the file was written?"
+    elif albedo > 1.2:
+        told = "more light is reflected than arrives ({}): check the scale of the file"
+    else:
+        return ()
+    return (told.format(f"albedo {albedo:.3g}, median {np.nanmedian(table):.3g}, largest value {largest:.3g} 1/sr"),)
