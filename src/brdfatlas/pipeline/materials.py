@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from brdfatlas.constants import LONGEST_NAME, NAME
 from brdfatlas.files import read_json
 from brdfatlas.formats.files import name_of
@@ -208,6 +210,6 @@ def _fault(name: str, path: Path) -> str:
     counted = importance_weight(measured.valid) > 0
     if not counted.any():
         return f"{path}: no valid cell with both directions within 89 degrees of the normal, where fits are judged"
-    if not measured.table[counted].any():
+    if not any((counted & (channel > 0)).any() for channel in np.moveaxis(measured.table, -1, 0)):
         return f"{path}: black, every sample within 89 degrees of the normal is 0"
     return ""
