@@ -109,6 +109,11 @@ def digest_of(*arrays: np.ndarray) -> str:
     return digest.hexdigest()
 
 
+def file_digest(path: str | os.PathLike) -> str:
+    """SHA-256 of a file's content."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
 def _target(path: str | os.PathLike) -> Path:
     """Where writing to ``path`` goes: through links, and only to a regular file or a new one. FileFault if neither."""
     check_path(path)
@@ -341,4 +346,4 @@ def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarra
 
 def digests(folder: str | os.PathLike, names: Iterable[str]) -> dict[str, str]:
     """name -> SHA-256 of files in a folder, for a list that changes with any of them."""
-    return {name: hashlib.sha256((Path(folder) / name).read_bytes()).hexdigest() for name in names}
+    return {name: file_digest(Path(folder) / name) for name in names}

@@ -16,7 +16,7 @@ from numba.core.event import TimingListener, install_listener
 from threadpoolctl import threadpool_limits
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon, unit_vectors
-from brdfatlas.files import check_regular, plain, read_npz, shown, write_npz
+from brdfatlas.files import check_regular, file_digest, plain, read_npz, shown, write_npz
 from brdfatlas.measured import Measured, fold
 from brdfatlas.models import MODELS, Entry, is_ours, load_model, own_faults
 from brdfatlas.models.base import Factors, FitError, Function, Model, Result, numbers
@@ -199,6 +199,8 @@ def load_reported(path: str | os.PathLike, report: Mapping[str, Any]) -> Fit:
         if getattr(fitted, key) != report.get(key, getattr(fitted, key)):
             fault = f"a fit of {fitted.entry} to {fitted.material}, its report is about another ({report[key]})"
             raise ValueError(f"{shown(path)}: {fault}; delete it, the next run makes it again")
+    if report.get("sha256", digest := file_digest(path)) != digest:
+        raise ValueError(f"{shown(path)}: not the fit that its report is about; delete it, the next run makes it again")
     return fitted
 
 

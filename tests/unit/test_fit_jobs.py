@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from brdfatlas import load_fit
+from brdfatlas.fits import load_reported
 from brdfatlas.formats.merl import write_merl
 from brdfatlas.models import Entry, read_entries
 from brdfatlas.models.loading import BUILTIN
@@ -106,6 +107,18 @@ def test_a_fault_is_repaired_by_the_job_alone(done, folder, damage):
     damage(folder)
     assert run(folder) == {"ggx"}
     assert (folder / "ggx.npz").read_bytes() == (done / "ggx.npz").read_bytes()
+
+
+def test_a_fit_of_other_settings_is_not_that_of_a_report_beside_it(folder, tmp_path_factory):
+    """As a job leaves it that is killed between the two, or a person who copies one file of another run."""
+    other = tmp_path_factory.mktemp("other")
+    shutil.copytree(folder, other, dirs_exist_ok=True)
+    run(other, ggx={"fresnel": "egsr2015"})
+    shutil.copy(other / "ggx.npz", folder / "ggx.npz")
+    with pytest.raises(ValueError, match=r"ggx\.npz: not the fit that its report is about; delete it, the next run"):
+        load_reported(folder / "ggx.npz", json.loads(report_of(folder, "ggx")))
+    assert run(folder) == {"ggx"}
+    assert load_fit(folder / "ggx.npz").options["fresnel"] == "corrected"
 
 
 def test_a_row_of_given_parameters_follows_its_file(folder):

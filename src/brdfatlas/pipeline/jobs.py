@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from brdfatlas.constants import ABSENT
-from brdfatlas.files import digest_of, read_record, write_json
+from brdfatlas.files import digest_of, file_digest, read_record, write_json
 from brdfatlas.fits import describe_fit, fit, load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
@@ -44,7 +44,7 @@ def fit_job(
     for entry in entries:
         row = Entry(**entry)
         fit_path, report_path = outputs[row.name]
-        given = hashlib.sha256(Path(row.parameters).read_bytes()).hexdigest() if row.parameters else ""
+        given = file_digest(row.parameters) if row.parameters else ""
         told = [*content, row.plain, given, provenance[row.name]]
         fingerprint = hashlib.sha256(json.dumps(told).encode()).hexdigest()
         if _keep(fit_path, report_path, fingerprint):
@@ -84,7 +84,7 @@ def _report_of(row: Entry, measured: Measured, seed: int, fit_path: str) -> dict
         table = fitted.table()
         report = describe_fit(fitted, measured, table) | {"physics": physics_checks(fitted, table)}
         fitted.save(fit_path)
-        return report
+        return report | {"sha256": file_digest(fit_path)}
     except MACHINE_FAULTS:
         raise
     except Exception as error:
