@@ -27,6 +27,7 @@ from brdfatlas.pipeline.records import revision, versions
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
 from brdfatlas.rendering.scenes import read_scenes
 from brdfatlas.settings import located
+from snakemake.persistence import FileBackupMixin
 
 # Snakemake hands this path to a shell as it is: a project's folder may have spaces and quotes.
 if Path(sys.executable).exists():  # not quoted yet
@@ -101,6 +102,20 @@ onstart:
     # jobs are ready: after some hundred jobs the main process needs a core for it. A local run needs no limit.
     if workflow.local_exec:
         workflow.scheduler.job_rate_limiter = None
+
+
+def left_to_update(persistence, path):
+    """In place of Snakemake's restore (9.27) of what a failed job was to update. That restores it with a new time and
+    records it as made of what the job would have been made of: no run would make it again. Files of such jobs are whole
+    and tell what they are made of, so they stay as they are, older than any input: the next run asks their job."""
+    if not path.exists():
+        return False
+    os.utime(path, (-1, -1))
+    return True
+
+
+FileBackupMixin.restore_output = left_to_update
+FileBackupMixin.backup_output = lambda persistence, path: None
 
 
 wildcard_constraints:
