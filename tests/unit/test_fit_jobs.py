@@ -3,6 +3,8 @@
 import json
 import os
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 
 import pytest
@@ -119,6 +121,22 @@ def test_a_fit_of_other_settings_is_not_that_of_a_report_beside_it(folder, tmp_p
         load_reported(folder / "ggx.npz", json.loads(report_of(folder, "ggx")))
     assert run(folder) == {"ggx"}
     assert load_fit(folder / "ggx.npz").options["fresnel"] == "corrected"
+
+
+def test_a_model_that_ends_the_process_well_leaves_no_report_of_an_earlier_fit(folder):
+    """Snakemake would take it for that of the job."""
+    source = folder / "ending.py"
+    source.write_text(
+        "import os\nfrom brdfatlas.models.dupuy2015 import ggx\n\n\nclass Ending(ggx.GGX):\n    name = 'ending'\n\n"
+        "    def fit(self, *arguments, **options):\n        os._exit(0)\n"
+    )
+    paths = {"ending": (str(folder / "ending.npz"), str(folder / "ending.json"))}
+    for kind in ("npz", "json"):
+        shutil.copy(folder / f"ggx.{kind}", folder / f"ending.{kind}")
+    job = [[Entry("ending", "ending", source=str(source)).plain], 0, str(folder / "felt.binary"), False, paths]
+    code = f"from brdfatlas.pipeline.jobs import fit_job; fit_job(*{job}, {{'ending': ''}})"
+    assert subprocess.run([sys.executable, "-c", code], cwd=folder).returncode == 0
+    assert not (folder / "ending.json").exists()
 
 
 def test_a_row_of_given_parameters_follows_its_file(folder):
