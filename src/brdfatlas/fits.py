@@ -192,12 +192,17 @@ def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -
     return fitted
 
 
-def load_reported(path: str | os.PathLike, report: Mapping[str, Any]) -> Fit:
-    """A fit of a run; ValueError if it is not the one that its report is about, such as a file copied over it."""
+def load_reported(path: str | os.PathLike, report: Mapping[str, Any], entry: str, material: str) -> Fit:
+    """A fit of a run; ValueError if it is not the fit of this entry to this material, or not the one that its report is
+    about, such as a file copied over it."""
     fitted = load_fit(path)
-    for key in ("entry", "material"):
-        if getattr(fitted, key) != report.get(key, getattr(fitted, key)):
-            fault = f"a fit of {fitted.entry} to {fitted.material}, its report is about another ({report[key]})"
+    told = {
+        "its report": (report.get("entry", entry), report.get("material", material)),
+        "its place": (entry, material),
+    }
+    for what, wanted in told.items():
+        if wanted != (fitted.entry, fitted.material):
+            fault = f"a fit of {fitted.entry} to {fitted.material}, {what} is of another ({' to '.join(wanted)})"
             raise ValueError(f"{shown(path)}: {fault}; delete it, the next run makes it again")
     if report.get("sha256", digest := file_digest(path)) != digest:
         raise ValueError(f"{shown(path)}: not the fit that its report is about; delete it, the next run makes it again")

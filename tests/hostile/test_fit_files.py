@@ -365,6 +365,12 @@ def test_json_numbers_are_finite(inputs, tmp_path, constant):
 def test_a_file_copied_over_a_result_is_named(inputs, key):
     """Else the errors of one fit would stand under the name of another."""
     report = {"status": "ok", "entry": "ggx", "material": "felt"}
-    assert load_reported(inputs / "ggx.npz", report).entry == "ggx"
-    with pytest.raises(ValueError, match=r"ggx\.npz: a fit of ggx to felt, .*\(other\); delete it"):
-        load_reported(inputs / "ggx.npz", report | {key: "other"})
+    assert load_reported(inputs / "ggx.npz", report, "ggx", "felt").entry == "ggx"
+    with pytest.raises(ValueError, match=r"ggx\.npz: a fit of ggx to felt, its report is of .*other.*; delete it"):
+        load_reported(inputs / "ggx.npz", report | {key: "other"}, "ggx", "felt")
+
+
+@pytest.mark.parametrize("place", [("ward", "felt"), ("ggx", "chrome")])
+def test_a_fit_copied_with_its_report_to_another_place_is_named(inputs, place):
+    with pytest.raises(ValueError, match=r"ggx\.npz: a fit of ggx to felt, .* is of another \(.*\); delete it"):
+        load_reported(inputs / "ggx.npz", {"status": "ok", "entry": "ggx", "material": "felt"}, *place)

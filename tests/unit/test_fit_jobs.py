@@ -118,7 +118,7 @@ def test_a_fit_of_other_settings_is_not_that_of_a_report_beside_it(folder, tmp_p
     run(other, ggx={"fresnel": "egsr2015"})
     shutil.copy(other / "ggx.npz", folder / "ggx.npz")
     with pytest.raises(ValueError, match=r"ggx\.npz: not the fit that its report is about; delete it, the next run"):
-        load_reported(folder / "ggx.npz", json.loads(report_of(folder, "ggx")))
+        load_reported(folder / "ggx.npz", json.loads(report_of(folder, "ggx")), "ggx", "felt")
     assert run(folder) == {"ggx"}
     assert load_fit(folder / "ggx.npz").options["fresnel"] == "corrected"
 

@@ -2,6 +2,7 @@
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ def here(tmp_path):
     for name, definition in read_scenes(tmp_path / "scenes.yaml").items():
         jobs.prepare_scene_job(name, definition, 16, "llvm_ad_rgb", "scenes.yaml", str(tmp_path / f"{name}.npz"))
     write_merl(tmp_path / "m.binary", material(0.3).table)
-    fit("ggx", material(0.3)).save(tmp_path / "ggx.npz")
+    replace(fit("ggx", material(0.3)), material="m").save(tmp_path / "ggx.npz")
     write_json(tmp_path / "ggx.json", {"status": "ok"})
     write_json(tmp_path / "failed.json", {"status": "failed", "reason": "no finite fit"})
     (tmp_path / "failed.npz").touch()
@@ -61,7 +62,7 @@ def test_a_render_is_kept_while_it_is_right(here):
     assert run(here, "reference", "ggx", samples=24) == ["reference", "ggx"]
     (here / "reference-a.exr").write_bytes((here / "reference-a.exr").read_bytes()[:-200])
     assert run(here, "reference", "ggx", samples=24) == ["reference"]  # damaged: made again
-    fit("gaussian", material(0.3)).save(here / "ggx.npz")
+    replace(fit("gaussian", material(0.3)), entry="ggx", material="m").save(here / "ggx.npz")
     assert run(here, "reference", "ggx", samples=24) == ["ggx"]
     write_merl(here / "m.binary", 1.1 * material(0.3).table)
     assert run(here, "reference", "ggx", samples=24) == ["reference", "ggx"]
@@ -135,7 +136,7 @@ def test_a_failed_fit_is_said_to_have_failed(here):
     assert not render.mean.any()
     assert render.mask.any()
     assert run(here, "failed") == []
-    fit("ggx", material(0.3)).save(here / "failed.npz")
+    replace(fit("ggx", material(0.3)), entry="failed", material="m").save(here / "failed.npz")
     write_json(here / "failed.json", {"status": "ok"})
     assert run(here, "failed", "ggx") == ["failed", "ggx"]
     assert read_meta(here / "failed-a.exr")["status"] == "ok"

@@ -506,7 +506,7 @@ def material_brdf_errors(measured: Measured, models: Sequence[str], folder: str 
         row: dict[str, object] = {"material": measured.name, "model": model}
         report = read_record(Path(folder) / f"{model}.json", "status")
         if report["status"] == "ok":
-            fitted = load_reported(Path(folder) / f"{model}.npz", report)
+            fitted = load_reported(Path(folder) / f"{model}.npz", report, model, measured.name)
             row |= brdf_errors(fold(fitted.table()), measured.table, weights)
         rows.append(row)
     return pd.DataFrame(rows, columns=["material", "model", *BRDF_MEASURES])

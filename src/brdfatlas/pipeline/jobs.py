@@ -47,7 +47,7 @@ def fit_job(
         given = file_digest(row.parameters) if row.parameters else ""
         told = [*content, row.plain, given, provenance[row.name]]
         fingerprint = hashlib.sha256(json.dumps(told).encode()).hexdigest()
-        if _keep(fit_path, report_path, fingerprint):
+        if _keep(fit_path, report_path, fingerprint, row.name, measured.name):
             print(f"{fit_path}: kept")
             continue
         Path(report_path).unlink(missing_ok=True)  # code of others that ends the process with status 0 leaves no report
@@ -56,14 +56,14 @@ def fit_job(
         print(f"{fit_path}: {report['status']}")
 
 
-def _keep(fit_path: str, report_path: str, fingerprint: str) -> bool:
+def _keep(fit_path: str, report_path: str, fingerprint: str, entry: str, material: str) -> bool:
     """Whether a fit and its report are there, whole and still right; they then get a fresh time stamp. One that failed
     is tried again."""
     try:
         report = read_record(report_path, "status", "fingerprint")
         if report["status"] != "ok" or report["fingerprint"] != fingerprint:
             return False
-        load_reported(fit_path, report)
+        load_reported(fit_path, report, entry, material)
     except (OSError, ValueError):
         return False
     for path in (fit_path, report_path):

@@ -287,10 +287,11 @@ def render_job(
     fingerprint is still right is kept; the others are rendered together. A failed fit gives a black picture with
     ``meta["status"] = "failed"``.
     """
-    measured, prepared = replace(read(binary, standin=standin), name=material), load_scene(scene)
+    measured, prepared = read(binary, standin=standin), load_scene(scene)
     names = [name for name in outputs if name in fits]
     with ThreadPoolExecutor(threads) as pool:
-        tables = dict(zip(names, pool.map(_table_of, *zip(*(fits[name] for name in names))))) if names else {}
+        tables = dict(zip(names, pool.map(lambda name: _table_of(*fits[name], name, measured.name), names)))
+    measured = replace(measured, name=material)
     chosen = [settings[key] for key in ("samples", "batches", "seed", "variant")] + [provenance]
     labels = {name: _labels(name, measured, tables.get(name), name in names, prepared, chosen) for name in outputs}
     needed = {}
@@ -311,10 +312,10 @@ def render_job(
         _save(outputs[name], render, labels[name])
 
 
-def _table_of(fit: str, report: str) -> np.ndarray | None:
+def _table_of(fit: str, report: str, entry: str, material: str) -> np.ndarray | None:
     """The table of a fit, None if it failed."""
     told = read_record(report, "status")
-    return load_reported(fit, told).table() if told["status"] == "ok" else None
+    return load_reported(fit, told, entry, material).table() if told["status"] == "ok" else None
 
 
 def _labels(
