@@ -136,7 +136,7 @@ def test_in_a_run_the_fit_fails_and_not_the_job(linked, tmp_path, capsys, what):
     (tmp_path / "model.py").write_text(WHILE_FITTING[what])
     paths = [str(tmp_path / name) for name in ("model.py", "measured.binary", "out.npz", "out.json")]
     entry = Entry("mine", "mine", source=paths[0])
-    fit_job([entry.plain], 0, paths[1], False, {"mine": paths[2:]}, {"mine": ""})
+    fit_job([entry.plain], 0, paths[1], False, {"mine": paths[2:]}, {"mine": ""}, str(tmp_path / "made"))
     report = json.loads((tmp_path / "out.json").read_text())
     assert report["status"] == "failed"
     assert "\n" not in report["reason"]

@@ -180,7 +180,7 @@ def test_a_fit_without_a_value_where_the_material_has_one_has_failed(tmp_path):
     write_merl(tmp_path / "constant.binary", constant_material().table)
     files = [str(tmp_path / name) for name in ("constant.binary", "holed.npz", "holed.json")]
     entry = Entry("holed", "holed", source=str(tmp_path / "holed.py"))
-    fit_job([entry.plain], 0, files[0], False, {"holed": files[1:]}, {"holed": ""})
+    fit_job([entry.plain], 0, files[0], False, {"holed": files[1:]}, {"holed": ""}, str(tmp_path / "made"))
     report = read_json(files[2])
     assert report["status"] == "failed"
     assert re.search(r"holed on constant: NaN or Inf at [\d,]+ measured cells", report["reason"])

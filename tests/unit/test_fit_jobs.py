@@ -50,7 +50,7 @@ def run(folder, code=CODE, seed=0, **options):
     entries = [Entry(name, name, options.get(name, {})).plain for name in NAMES]
     outputs = {name: tuple(str(folder / f"{name}.{kind}") for kind in ("npz", "json")) for name in NAMES}
     old = {name: report_of(folder, name) for name in NAMES}
-    fit_job(entries, seed, str(folder / "felt.binary"), False, outputs, code)
+    fit_job(entries, seed, str(folder / "felt.binary"), False, outputs, code, str(folder / "made"))
     for paths in outputs.values():
         for path in paths:
             assert os.stat(path).st_mtime > 1e9, "Snakemake would make it again"
@@ -134,7 +134,7 @@ def test_a_model_that_ends_the_process_well_leaves_no_report_of_an_earlier_fit(f
     for kind in ("npz", "json"):
         shutil.copy(folder / f"ggx.{kind}", folder / f"ending.{kind}")
     job = [[Entry("ending", "ending", source=str(source)).plain], 0, str(folder / "felt.binary"), False, paths]
-    code = f"from brdfatlas.pipeline.jobs import fit_job; fit_job(*{job}, {{'ending': ''}})"
+    code = f"from brdfatlas.pipeline.jobs import fit_job; fit_job(*{job}, {{'ending': ''}}, 'made')"
     assert subprocess.run([sys.executable, "-c", code], cwd=folder).returncode == 0
     assert not (folder / "ending.json").exists()
 
@@ -145,7 +145,7 @@ def test_a_row_of_given_parameters_follows_its_file(folder):
     for kd in (0.1, 0.2):
         header = "material,kd_r,kd_g,kd_b,ks_1,ks_2,ks_3,f0,m"
         (folder / "mine.csv").write_text(f"{header}\nfelt,{kd},{kd},{kd},0.1,0.05,0.02,0.2,0.1\n")
-        fit_job([row.plain], 0, str(folder / "felt.binary"), False, paths, code)
+        fit_job([row.plain], 0, str(folder / "felt.binary"), False, paths, code, str(folder / "made"))
         assert load_fit(folder / "mine.npz").parameters["kd"] == pytest.approx(kd)
 
 

@@ -165,7 +165,9 @@ def test_a_job_without_a_row_says_so_and_is_no_failure(public, tmp_path):
     write_standin("chrome", tmp_path / "chrome.binary")
     row = Entry("mine", "ngan", parameters=str(public))
     paths = str(tmp_path / "mine.npz"), str(tmp_path / "mine.json")
-    fit_job([row.plain], 0, str(tmp_path / "chrome.binary"), True, {"mine": paths}, {"mine": ""})
+    fit_job(
+        [row.plain], 0, str(tmp_path / "chrome.binary"), True, {"mine": paths}, {"mine": ""}, str(tmp_path / "made")
+    )
     report = read_json(paths[1])
     assert report["status"] == "absent"
     assert report["reason"] == f"{public} has no parameters for it"

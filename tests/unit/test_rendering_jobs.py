@@ -48,7 +48,7 @@ def run(here, *models, scene="a", **changes):
     before = {path: Path(path).stat().st_ino if Path(path).exists() else None for path in outputs.values()}
     fits = {m: (str(here / f"{m}.npz"), str(here / f"{m}.json")) for m in models if not m.startswith("reference")}
     binary, prepared = str(here / "m.binary"), str(here / f"{scene}.npz")
-    jobs.render_job("m", binary, prepared, fits, outputs, SETTINGS | changes)
+    jobs.render_job("m", binary, prepared, fits, outputs, SETTINGS | changes, made=f"{binary}.made")
     return [model for model, path in outputs.items() if Path(path).stat().st_ino != before[path]]
 
 

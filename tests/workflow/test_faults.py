@@ -113,7 +113,7 @@ def test_a_killed_job_is_run_again(finished, undisturbed, differences):
 @needs_proc
 @pytest.mark.parametrize(("script", "keys"), [("fit_models.py", {"seed": 1}), ("render_material.py", {"render": {}})])
 def test_after_a_job_killed_at_what_has_changed_the_next_run_comes_to_it_again(finished, script, keys):
-    """Its outputs are there, of the time before the change."""
+    """Its outputs are there again, of the time before the change."""
     finished.configure(**{key: value or {"size": 16, "samples": 16, "batches": 4} for key, value in keys.items()})
     owed = finished.planned(*TARGET)
     assert owed
@@ -121,9 +121,9 @@ def test_after_a_job_killed_at_what_has_changed_the_next_run_comes_to_it_again(f
         for job in wait_for(lambda: jobs_of(finished, script), process):
             os.kill(job, signal.SIGKILL)
         assert process.wait(300) != 0
-    assert finished.planned(*TARGET) == {rule: 1 for rule in owed if rule != "prepare_scene"}
-    finished.snakemake(*TARGET)
-    assert finished.planned(*TARGET) == {}
+    assert owed.keys() - {"prepare_scene"} <= finished.planned().keys()
+    finished.snakemake()
+    assert finished.planned() == {}
 
 
 @needs_proc

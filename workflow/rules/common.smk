@@ -27,7 +27,6 @@ from brdfatlas.pipeline.records import revision, versions
 from brdfatlas.pipeline.standins import PUBLISHED_MODELS
 from brdfatlas.rendering.scenes import read_scenes
 from brdfatlas.settings import located
-from snakemake.persistence import FileBackupMixin
 
 # Snakemake hands this path to a shell as it is: a project's folder may have spaces and quotes.
 if Path(sys.executable).exists():  # not quoted yet
@@ -102,20 +101,6 @@ onstart:
     # jobs are ready: after some hundred jobs the main process needs a core for it. A local run needs no limit.
     if workflow.local_exec:
         workflow.scheduler.job_rate_limiter = None
-
-
-def left_to_update(persistence, path):
-    """In place of Snakemake's restore (9.27) of what a failed job was to update. That restores it with a new time and
-    records it as made of what the job would have been made of: no run would make it again. Files of such jobs are whole
-    and tell what they are made of, so they stay as they are, older than any input: the next run asks their job."""
-    if not path.exists():
-        return False
-    os.utime(path, (-1, -1))
-    return True
-
-
-FileBackupMixin.restore_output = left_to_update
-FileBackupMixin.backup_output = lambda persistence, path: None
 
 
 wildcard_constraints:
@@ -215,15 +200,15 @@ def redrawn(wildcards):
 
 
 def lost(wildcards):
-    """Fits and renders that are gone although the material was begun. Where it was not, what is made of them asks for
-    them, and naming tens of thousands of files once more would double the time of a plan."""
+    """What fits and renders wrote and is gone, or never came, although the material was begun. Where it was not, what is
+    made of them asks for them, and naming tens of thousands of files once more would double the time of a plan."""
     begun = [
         name
         for name in MATERIALS
         if any(os.path.exists(f"results/{kind}/{name}") for kind in ("fits", "renders", "errors"))
     ]
     files = expand("results/fits/{material}/{model}.{kind}", material=begun, model=MODELS, kind=("npz", "json"))
-    files += made_by(rules.render_material, material=begun, scene=SCENES)
+    files += expand(MADE, material=begun) + made_by(rules.render_material, material=begun, scene=SCENES)
     return [file for file in files if not os.path.exists(file)]
 
 

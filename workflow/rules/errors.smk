@@ -2,8 +2,8 @@
 import re
 
 TONES = {name: (ALL_SCENES[name]["exposure"], ALL_SCENES[name]["gamma"]) for name in SCENES}
-# One picture stands for its scene: all of a scene come from one job. So do a fit and its report.
-RENDERS = expand("results/renders/{{material}}/reference/{scene}.exr", scene=SCENES)
+# The reference stands for its scene: all pictures of a scene come from one job. So do a fit and its report.
+RENDERS = expand("results/renders/{{material}}/reference/{scene}.{kind}", scene=SCENES, kind=("exr", "made"))
 TABLES = ["errors", "brdf", "summary", "summary_brdf", "wins", "published"]
 STANDINGS_TITLES = {
     "summary": "means by class of material and scene",
@@ -17,6 +17,7 @@ rule measure_errors:
         binary=binary_of,
         renders=RENDERS,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        made=MADE,
     output:
         images=report(
             "results/errors/{material}/images.tsv",

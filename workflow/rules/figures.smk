@@ -50,6 +50,7 @@ rule draw_figures:
     input:
         binary=binary_of,
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        made=MADE,
     output:
         # Which functions there are depends on the models: a list stands for them.
         listing="results/figures/{material}.json",

@@ -1,5 +1,6 @@
 # (material, scene) --> one EXR for the reference, the reference with other random numbers, which measures the noise, and
-# every fit, all along the same paths. An EXR that is still right is kept, so a new model costs its own share only.
+# every fit, all along the same paths. An EXR that is still right is kept, so a new model costs its own share only; the
+# last file says that the job came to its end, as in fits.smk.
 
 
 # First of all: a fault in a scene's files shows before any long work.
@@ -32,10 +33,12 @@ rule prepare_scene:
 rule render_material:
     input:
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        made=MADE,
         binary=binary_of,
         scene=rules.prepare_scene.output[0],
     output:
-        [update(f"results/renders/{{material}}/{model}/{{scene}}.exr") for model in [*REFERENCES, *MODELS]],
+        pictures=[update(f"results/renders/{{material}}/{model}/{{scene}}.exr") for model in [*REFERENCES, *MODELS]],
+        made="results/renders/{material}/reference/{scene}.made",
     log:
         "results/logs/render_material/{material}/{scene}.log",
     benchmark:

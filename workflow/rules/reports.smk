@@ -28,6 +28,7 @@ RUN_TABLES = ["materials", "recommended", "models", "errors", "brdf", "fits", "p
 rule write_fits:
     input:
         fits=expand("results/fits/{{material}}/{model}.npz", model=MODELS),
+        made=MADE,
     output:
         # Which files a fit has depends on the fit: a list stands for them.
         listing="results/fit_files/{material}.json",

@@ -13,4 +13,5 @@ with logged(snakemake.log[0], snakemake.params.planned):
         standin=p.standin,
         outputs=dict(zip(names, zip(out.fits, out.reports, strict=True), strict=True)),
         provenance=p.provenance,
+        made=out.made,
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from brdfatlas.constants import ABSENT
-from brdfatlas.files import digest_of, file_digest, read_record, write_json
+from brdfatlas.files import digest_of, file_digest, read_record, write_json, write_text
 from brdfatlas.fits import describe_fit, fit, load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
@@ -30,10 +30,11 @@ def fit_job(
     standin: bool,
     outputs: Mapping[str, tuple[str, str]],
     provenance: Mapping[str, str],
+    made: str,
 ) -> None:
     """Fit entries (``Entry.plain``) to one material and write each one's fit and report, ``outputs``: name -> (fit,
-    report). A fit whose fingerprint is still right is kept; ``provenance``: name -> what its code is made of
-    (:func:`brdfatlas.pipeline.provenance.provenance`).
+    report), and at the end their names to ``made``. A fit whose fingerprint is still right is kept; ``provenance``:
+    name -> what its code is made of (:func:`brdfatlas.pipeline.provenance.provenance`).
 
     A model that fails does not stop the run: its report says "failed" and why, its fit file is an empty mark. So does
     an entry of given parameters that has none for this material, which is no failure: its report says "absent". Faults
@@ -54,6 +55,7 @@ def fit_job(
         report = _report_of(row, measured, seed, fit_path)
         write_json(report_path, report | {"fingerprint": fingerprint})
         print(f"{fit_path}: {report['status']}")
+    write_text(made, "".join(f"{name}\n" for name in outputs))
 
 
 def _keep(fit_path: str, report_path: str, fingerprint: str, entry: str, material: str) -> bool:

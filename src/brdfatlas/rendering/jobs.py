@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
-from brdfatlas.files import digest_of, read_record
+from brdfatlas.files import digest_of, read_record, write_text
 from brdfatlas.fits import Fit, is_fit_file, load_fit, load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
@@ -275,11 +275,13 @@ def render_job(
     outputs: Mapping[str, str],
     settings: Mapping[str, Any],
     *,
+    made: str,
     provenance: str = "",
     standin: bool = False,
     threads: int = 1,
 ) -> None:
-    """Render one material in one scene: an EXR for each of ``outputs``, name -> path.
+    """Render one material in one scene: an EXR for each of ``outputs``, name -> path, and at the end their names to
+    ``made``.
 
     A name is that of one of ``fits``, name -> (fit, report), or REFERENCE, or REFERENCE_AGAIN, the reference with other
     random numbers. ``scene``: path of the prepared scene. ``settings``: samples, batches, seed and variant.
@@ -304,12 +306,12 @@ def render_job(
             _save(path, failed, labels[name])
         else:
             needed[name] = tables.get(name)
-    if not needed:
-        return
-    use_variant(settings["variant"], threads)
-    counts = {key: settings[key] for key in ("samples", "batches", "seed")}
-    for name, render in _renders(prepared, measured, needed, **counts):
-        _save(outputs[name], render, labels[name])
+    if needed:
+        use_variant(settings["variant"], threads)
+        counts = {key: settings[key] for key in ("samples", "batches", "seed")}
+        for name, render in _renders(prepared, measured, needed, **counts):
+            _save(outputs[name], render, labels[name])
+    write_text(made, "".join(f"{name}\n" for name in outputs))
 
 
 def _table_of(fit: str, report: str, entry: str, material: str) -> np.ndarray | None:
