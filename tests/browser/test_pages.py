@@ -89,6 +89,53 @@ def test_no_serious_accessibility_fault(browser, site, width, scheme):
     context.close()
 
 
+NONSENSE = [
+    "%",
+    "fit-%",
+    "a=%",
+    "m=%ff",
+    "kind=toString",
+    "cost=toString",
+    "measure=__proto__",
+    "sort-board=99-x",
+    "z=1e400",
+]
+NONSENSE += [
+    "constructor",
+    "&&=",
+    "off=toString,a",
+    "heat=toString,up",
+    "scene=toString",
+    "v=toString",
+    "m=<script>alert(1)",
+]
+
+
+@pytest.mark.parametrize("name", ["index.html", "materials/pvc.html", "models/toy_01.html", "compare.html"])
+def test_an_address_of_nonsense_is_a_page_all_the_same(tab, site, name):
+    """An address that was cut off or typed wrongly stops no script."""
+    plain = tab.open(site.reports / name).locator("main").inner_text()
+    for words in NONSENSE:
+        tab.page.goto("about:blank")
+        page = tab.open(site.reports / name, f"#{words}")
+        page.evaluate("dispatchEvent(new HashChangeEvent('hashchange'))")
+        assert tab.faults == [], words
+        if name.startswith("models"):
+            assert page.locator("main").inner_text() == plain, words
+
+
+def test_the_longest_name_fits_into_a_telephone(browser, site):
+    context = browser.new_context(viewport={"width": 320, "height": 640})
+    page = context.new_page()
+    for name in ("index.html", "materials/chrome.html", "models/toy_01.html"):
+        page.goto((site.reports / name).as_uri())
+        page.evaluate(
+            "(t) => document.querySelectorAll('h1, .pager a').forEach((e) => { e.textContent = t; })", "w_" * 40
+        )
+        assert page.evaluate("document.documentElement.scrollWidth") <= 321, name
+    context.close()
+
+
 def column(page, table: str, index: int) -> list[float]:
     cells = page.locator(f"{table} tbody tr:visible td:nth-child({index})").all_inner_texts()
     return [float(re.sub(r"[^0-9.]", "", text.split("±")[0])) for text in cells if re.search(r"\d", text)]

@@ -230,7 +230,8 @@
     pick($("measure"), P.get("measure", A.measures[0].key)); pick($("scene"), P.get("scene")); pick($("class"), P.get("class"));
     $("query").value = P.get("q");
     if ($("order")) pick($("order"), P.get("order", "own"));
-    $("cost").querySelectorAll("button").forEach((b) => b.setAttribute("aria-pressed", String(b.value === P.get("cost", "bytes"))));
+    const costs = [...$("cost").querySelectorAll("button")], cost = costs.find((b) => b.value === P.get("cost")) ?? costs[0];
+    costs.forEach((b) => b.setAttribute("aria-pressed", String(b === cost)));
     const [sort, up] = P.get("heat").split(",");
     state.sort = ["", "class", "diffuseness", "noise"].includes(sort) ? sort : String(A.models.findIndex((m) => m.name === sort));
     if (state.sort === "-1") state.sort = "";

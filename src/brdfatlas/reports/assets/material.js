@@ -18,7 +18,7 @@
   if (select) {
     const fill = () => document.querySelectorAll(".snippets [data-stem]").forEach((s) => { s.textContent = select.value; });
     // Who comes for one fit, from the index say, finds the snippets of that one.
-    const follow = () => { const asked = [...select.options].find((o) => `fit-${o.dataset.model}` === decodeURIComponent(location.hash.slice(1))); if (asked) { select.value = asked.value; fill(); } };
+    const follow = () => { const asked = [...select.options].find((o) => `fit-${o.dataset.model}` === P.named()); if (asked) { select.value = asked.value; fill(); } };
     select.addEventListener("change", fill);
     window.addEventListener("hashchange", follow);
     follow();
@@ -28,7 +28,7 @@
   const SHOWN = { render: ["de00_mean", "ΔE00", 2, 1], de00: ["de00_mean", "ΔE00", 2, 1], diff: ["psnr_db", "PSNR", 1, -1], flip: ["flip_mean", "FLIP", 3, 1] };
   const tiles = new Map([...document.querySelectorAll("#tiles .tile")].map((t) => [t.dataset.model, t]));
   function grid() {
-    const kind = P.get("kind") in SHOWN ? P.get("kind") : "render", scene = D.scenes.includes(P.get("scene")) ? P.get("scene") : D.scenes[0], s = D.scenes.indexOf(scene);
+    const kind = Object.hasOwn(SHOWN, P.get("kind")) ? P.get("kind") : "render", scene = D.scenes.includes(P.get("scene")) ? P.get("scene") : D.scenes[0], s = D.scenes.indexOf(scene);
     const [key, name, digits, sign] = SHOWN[kind], view = { de00: "de00", diff: "signed", flip: "flipmap" }[kind];
     const value = (m) => m.values[key][s];
     const order = [...D.models].sort((a, b) => (value(a) === null) - (value(b) === null) || sign * (value(a) - value(b)));

@@ -4,6 +4,8 @@
 (() => {
   // --- state in the address: survives reload, Back and copying --------------------------------------------------------
   const words = () => new URLSearchParams(location.hash.includes("=") ? location.hash.slice(1) : "");
+  // What the address names in the page; an address cut off within a %.. names nothing.
+  const named = () => { try { return decodeURIComponent(location.hash.slice(1)); } catch { return ""; } };
   const get = (key, otherwise = "") => words().get(key) ?? otherwise;
   function set(changes) {
     const now = words();
@@ -121,11 +123,11 @@
   }
   // A link to something inside a folded part opens it.
   function unfold() {
-    const id = location.hash.includes("=") ? "" : decodeURIComponent(location.hash.slice(1)), target = id && document.getElementById(id);
+    const id = location.hash.includes("=") ? "" : named(), target = id && document.getElementById(id);
     for (let node = target; node; node = node.parentElement) if (node.tagName === "DETAILS") node.open = true;
     if (target) target.scrollIntoView();
   }
-  window.AtlasPage = { sortable, compare, get, set, follow, scrolls };
+  window.AtlasPage = { sortable, compare, named, get, set, follow, scrolls };
   document.querySelectorAll("table[data-sortable]").forEach(sortable);
   document.querySelectorAll("input[data-filter]").forEach(filterable);
   document.querySelectorAll("[data-switch]").forEach(switches);
