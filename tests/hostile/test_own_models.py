@@ -221,6 +221,27 @@ def test_a_fit_of_nan_makes_no_table(refused, linked, value, command):
     refused([command[0], "out.npz", *command[1:], "--source", "model.py"], "out.npz")
 
 
+LIKE_A_MODULE = """
+from __future__ import annotations
+import pickle
+from dataclasses import dataclass
+import typing
+
+@dataclass
+class State:
+    count: int = 1
+
+assert typing.get_type_hints(State) == {"count": int}
+assert pickle.loads(pickle.dumps(State(2))) == State(2)
+"""
+
+
+def test_a_models_file_is_a_module_like_any_other(inputs, tmp_path):
+    """Dataclasses, type hints and pickle look for it by its name."""
+    (tmp_path / "model.py").write_text(LIKE_A_MODULE + OWN_MODEL)
+    assert loading.load_model(name="mine", source=tmp_path / "model.py").title == "Mine"
+
+
 def test_a_fit_of_ones_own_model_goes_everywhere_with_its_source(linked, tmp_path, capsys, monkeypatch):
     """The fit remembers its model's file; where that has moved, each command says what it needs, and takes it."""
     monkeypatch.chdir(tmp_path)

@@ -3,6 +3,7 @@
 import importlib
 import importlib.util
 import inspect
+import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import chdir, contextmanager
@@ -74,7 +75,7 @@ def load_model_file(path: str | Path, name: str | None = None) -> Model:
     spec = importlib.util.spec_from_file_location(f"brdfatlas_user_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # dataclasses and pickle look there
     with _loading(str(path), str(spec.origin)), chdir("."):  # a file that goes elsewhere takes no relative path with it
         spec.loader.exec_module(module)
     model = _only_model(module, str(path), name)
