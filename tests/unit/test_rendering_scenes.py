@@ -246,6 +246,20 @@ def test_dynamic_range(kind, low, high):
     assert low < luminance.max() / luminance.min() < high
 
 
+@pytest.mark.parametrize("width", [16, 512, 1024, 2048, 4096])
+def test_a_wide_environment_is_not_more_work(width):
+    """At 8192 texels and 16 points in each, minutes would pass without a word."""
+    points = []
+
+    def radiance(direction):
+        points.append(direction[..., 0].size)
+        return direction
+
+    assert environments._render(radiance, width).shape == (width // 2, width, 3)
+    texels = width**2 // 2
+    assert sum(points) == 16 * texels if width <= 1024 else texels <= sum(points) <= 2**23
+
+
 def test_the_sun_shines_from_where_it_is_put():
     variant()
     image = environments.sunsky(128, 3.0, 40.0)

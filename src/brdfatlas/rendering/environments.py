@@ -33,8 +33,11 @@ def texel_directions(width: int, height: int, supersampling: int = 1) -> np.ndar
     return np.stack(parts, -1).reshape(height, width, supersampling**2, 3)
 
 
-def _render(function: Callable[[np.ndarray], np.ndarray], width: int, supersampling: int = 4) -> np.ndarray:
+def _render(function: Callable[[np.ndarray], np.ndarray], width: int, supersampling: int = 0) -> np.ndarray:
+    """The image of ``function``, whose texels are means of ``supersampling``^2 points: 4 if not stated, fewer in wide
+    images, whose texels are small and would take minutes."""
     height = width // 2
+    supersampling = supersampling or min(4, -(-4096 // width))
     image = np.empty((height, width, 3))
     directions = texel_directions(width, height, supersampling)
     for row in range(0, height, 16):
