@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import dataclasses
+import errno
 import json
 import math
 import os
@@ -341,9 +342,9 @@ def recommend_command(args: argparse.Namespace) -> dict[str, Any]:
     """Fit every model, render small, rank by dE00; with -o write the best fit with its exports and a picture."""
     from brdfatlas.recommend import check_folder, recommend
 
-    models = list(MODELS) if args.models is None else args.models.split(",")
-    if not any(  # a model of variable size may be smaller than it states
-        allowed(model, budget=None if model.variable_size else args.budget, target=args.target)
+    models = list(MODELS) if args.models is None else [name.strip() for name in args.models.split(",")]
+    if not any(
+        allowed(model, target=args.target) and (args.budget is None or model.least_bytes <= args.budget)
         for model in map(MODELS.__getitem__, models)
     ):
         raise ValueError(no_winner(args, models))
@@ -380,7 +381,7 @@ def no_winner(args: argparse.Namespace, models: Sequence[str]) -> str:
         with contextlib.suppress(ImportError):  # another package's model
             able = name not in models and allowed(MODELS[name], budget=args.budget, target=args.target)
             others += [name] if able else []
-    remedy = f"models that are: {', '.join(others)}" if others else "ask for less"
+    remedy = f"models that are: {', '.join(others)}" if others else "relax a condition"
     if not limits:
         return f"{args.file}: none of these models is fitted; the lines above say why"
     return f"{args.file}: none of these models is {' and '.join(limits)}; {remedy}"
@@ -617,10 +618,12 @@ def add_render(sub: argparse.ArgumentParser) -> None:
 def check_arguments(args: argparse.Namespace) -> None:
     """Refuse an output that would destroy an input or a file of another kind."""
     output = getattr(args, "output", None)
-    given = [getattr(args, name, None) or [] for name in args.reads]
-    inputs = [path for value in given for path in ([value] if isinstance(value, str) else value)]
+    given = [getattr(args, name, None) for name in args.reads]
+    inputs = [path for value in given for path in ([value] if isinstance(value, str) else value or [])]
     if args.command == "export":
         args.writes = EXPORTS["sampler" if args.sampler else args.to]
+    if "" in [output, *inputs]:
+        raise FileFault("'': an empty name of a file; is a variable of the shell not set?")
     if output == "-" and (args.writes not in TEXT or args.json):
         fault = "the result is printed there" if args.json else f"{args.writes} is no text"
         raise FileFault(f"-o -: standard output cannot be the file, {fault}; name a file")
@@ -656,6 +659,8 @@ def reason(error: BaseException) -> str:
         return "not enough memory; take a smaller size, or close other programs"
     if isinstance(error, KeyError) and error.args:
         return shown(error.args[0])
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return f"{error.strerror}; allow more, `ulimit -n 256`, or close other programs"
     if isinstance(error, OSError) and error.strerror and error.filename:
         return f"{shown(error.filename)}: {error.strerror}"
     if isinstance(error, FileNotFoundError) and not error.filename:

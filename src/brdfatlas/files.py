@@ -149,11 +149,22 @@ def check_output(
         raise FileFault(
             f"{name}: exists, without the mark of a {kind} by brdfatlas; name another output, or replace it by --force"
         )
+    check_new_folders(Path(path).parents, name)
     folder = next(parent for parent in target.parents if parent.exists())
     if not folder.is_dir():
         raise FileFault(f"{name}: {shown(folder)} is not a folder; name another output")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileFault(f"{name}: {shown(folder)} cannot be written to; name another output")
+
+
+def check_new_folders(folders: Iterable[Path], name: str) -> None:
+    """FileFault where one of ``folders`` is not there and has a name that was meant to be replaced: ``~``, ``$HOME``,
+    ``file:`` of an address. A folder ``~`` invites ``rm -r ~``."""
+    for folder in folders:
+        if re.match(r"[~$]|\w+:$", folder.name) and not os.path.lexists(folder):
+            raise FileFault(
+                f"{name}: there is no folder {shown(folder)}, and none of such a name is made; write the path in full"
+            )
 
 
 def _same(item: str | os.PathLike, target: Path) -> bool:

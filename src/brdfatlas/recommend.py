@@ -28,7 +28,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brdfatlas.constants import REFERENCE
-from brdfatlas.files import ENDINGS, FileFault, atomic_path, check_path, digests, ours, read_record, shown, write_json
+from brdfatlas.files import (
+    ENDINGS,
+    FileFault,
+    atomic_path,
+    check_new_folders,
+    check_path,
+    digests,
+    ours,
+    read_record,
+    shown,
+    write_json,
+)
 from brdfatlas.fits import Fit, check_material, fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured, MeasuredError
@@ -173,6 +184,7 @@ def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]
     parent = next(path for path in (where, *where.parents) if os.path.lexists(path))
     if not os.fspath(folder) or not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise FileFault(f"{shown(folder) or repr('')}: no folder that can be written to; name another")
+    check_new_folders((Path(folder), *Path(folder).parents), shown(folder))
     if parent == where and any(where.iterdir()) and not (where / TABLE).exists():
         raise FileFault(f"{shown(folder)}: holds files that are not of an earlier recommendation; name a new folder")
     endings = [".npz", *(ending for target, ending in targets.ENDINGS.items() if target != "merl")]
@@ -323,7 +335,10 @@ def _fit_all(
     with tempfile.TemporaryDirectory(prefix="brdfatlas.") as folder:
         # Not an argument of the workers: one that ends before it has read so much keeps its starter waiting for ever.
         path = Path(folder) / "measured"
-        path.write_bytes(pickle.dumps(measured))
+        try:
+            path.write_bytes(pickle.dumps(measured))
+        except OSError as error:
+            raise OSError(error.errno, f"{error.strerror}; set TMPDIR to a folder with room", folder) from None
         with ProcessPoolExecutor(min(processes, len(order)), context, _start_worker, (path,)) as pool:
             try:
                 with _without_interrupts():

@@ -1,7 +1,9 @@
 """Arguments, help, interrupts and pipes; and directions that are none."""
 
 import contextlib
+import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -144,6 +146,42 @@ def test_what_a_library_prints_of_a_damaged_picture_is_no_part_of_the_result(inp
     assert len(err.splitlines()) > 1  # else it does not show what it is to show
 
 
+NOT_REPLACED = ["~/a.npz", "~user/a.npz", "$HOME/a.npz", "file:///tmp/a.npz", "out/s3:/a.npz"]
+
+
+@pytest.mark.parametrize("output", NOT_REPLACED)
+def test_what_a_shell_has_not_replaced_makes_no_folder(refused, linked, output):
+    """``--output=~/a.npz`` reaches a command as it stands."""
+    linked("measured.binary")
+    refused([*FIT[:-1], output], output, "write the path in full")
+    folder = output.removesuffix("/a.npz")
+    refused(["recommend", "measured.binary", "--models", "lambert", "-o", folder], "write the path in full")
+
+
+def test_a_folder_of_any_name_that_is_there_is_used(linked, tmp_path, monkeypatch):
+    linked("measured.binary")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "~").mkdir()
+    assert main([*FIT[:-1], "~/a.npz"]) == 0
+    assert (tmp_path / "~" / "a.npz").exists()
+
+
+NO_NAME = [
+    ["info", ""],
+    ["fit", "lambert", "", "-o", "a.npz"],
+    ["fit", "lambert", "measured.binary", "-o", ""],
+    ["fit", "lambert", "measured.binary", "-o", "a.npz", "--source", ""],
+    ["compare", "measured.binary", ""],
+    ["standin", "chrome", "-o", ""],
+]
+
+
+@pytest.mark.parametrize("line", NO_NAME, ids=" ".join)
+def test_an_empty_name_is_told(refused, linked, line):
+    linked("measured.binary")
+    refused(line, "empty name", "variable of the shell")
+
+
 @pytest.mark.parametrize("output", ["", ".", "..", "/", "out/", "a" * 300 + ".npz", "x/" * 3000 + "a.npz"])
 def test_an_output_that_cannot_be(refused, linked, output):
     linked("measured.binary")
@@ -252,7 +290,9 @@ def test_a_material_without_a_name_in_python(inputs, name):
 NO_WINNER = [
     (["--models", "ggx", "--for", "gltf"], "exact in gltf", "lambert"),
     (["--models", "ggx", "--budget", "100"], "at most 100 bytes", "lambert"),
-    (["--models", "lambert,ggx", "--budget", "1"], "at most 1 bytes", "ask for less"),
+    (["--budget", "11"], "at most 11 bytes", "relax a condition"),
+    (["--models", "lawrence", "--budget", "11"], "at most 11 bytes", "relax a condition"),
+    (["--models", "lambert, ggx", "--budget", "1"], "at most 1 bytes", "relax a condition"),
     (["--models", "principled", "--for", "gltf", "--budget", "20"], "gltf and fitted in at most 20 bytes", "lambert"),
     (["--models", ""], "unknown model ''", "lambert"),
     (["--models", "lambert,"], "unknown model ''", "lambert"),
@@ -452,6 +492,36 @@ def test_a_time_that_is_none_is_told_with_its_variable(text):
         err = process.communicate()[1]
         assert process.returncode == 1
         assert err.endswith(begin + told)
+
+
+def test_the_package_is_the_command():
+    code = "import runpy, sys; sys.argv = ['x', 'info', '']; runpy.run_module('brdfatlas', run_name='__main__')"
+    out, err = (process := in_a_process(code)).communicate()
+    assert (process.returncode, out) == (1, "")
+    assert err.startswith("brdfatlas info: ")
+
+
+def test_a_limit_on_open_files_is_told_with_its_remedy(linked, monkeypatch, capsys):
+    path = linked("measured.binary")
+
+    def full(*_, **__):
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), "/tmp/x")
+
+    monkeypatch.setattr("tempfile.TemporaryDirectory", full)
+    assert main(["recommend", str(path), "--models", "lambert,ggx"]) == 1
+    assert "Too many open files; allow more, `ulimit -n " in capsys.readouterr().err
+
+
+def test_a_full_folder_of_temporary_files_is_told_with_its_remedy(linked, monkeypatch, capsys):
+    path = linked("measured.binary")
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert main(["recommend", str(path), "--models", "lambert,ggx"]) == 1
+    told = capsys.readouterr().err
+    assert re.fullmatch(r"brdfatlas recommend: .*/brdfatlas\.\S+: No space left on device; set TMPDIR .*\n", told)
 
 
 @pytest.mark.parametrize(("program", "words"), [("/usr/bin/brdfatlas", ""), ("mine.py", "KeyboardInterrupt")])

@@ -15,7 +15,7 @@ LAYERS = (
     ("models",),
     ("fits",),
     ("rendering", "measures"),
-    ("cli", "pipeline", "reports", "figures", "export", "recommend"),
+    ("cli", "pipeline", "reports", "figures", "export", "recommend", "__main__"),
 )
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 

@@ -62,7 +62,9 @@ class Registry(Mapping[str, Model]):
         if name in BUILTIN or name in installed_models():
             return Entry(name, name)
         known = ", ".join(self)
-        raise KeyError(f"unknown model {name!r}; known: {known} (a model of one's own: --source FILE.py)")
+        raise KeyError(
+            f"unknown model {name!r}; known: {known} (a model of one's own: `brdfatlas fit --source FILE.py`)"
+        )
 
     def trusts(self, source: str | Path) -> bool:
         """Whether a file may be run because a fit names it: it lies below the working directory, or the user named it

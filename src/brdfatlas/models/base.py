@@ -217,6 +217,11 @@ class Model(ABC):
         return sum(parameter.bytes for parameter in self.parameters)
 
     @property
+    def least_bytes(self) -> int:
+        """Storage of the smallest fit, in bytes; of a model of variable size at least that of a number a parameter."""
+        return sum(np.dtype(p.dtype).itemsize for p in self.parameters) if self.variable_size else self.bytes
+
+    @property
     def free_parameters(self) -> int:
         """How many numbers one fit has."""
         return sum(parameter.count for parameter in self.parameters)
