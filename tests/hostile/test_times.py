@@ -10,7 +10,10 @@ import pytest
 
 from brdfatlas.angles import GRID_SHAPE
 from brdfatlas.files import stamps, write_json
+from brdfatlas.formats import merl
 from brdfatlas.formats.merl import write_merl
+from brdfatlas.formats.reader import read
+from brdfatlas.measured import MeasuredError
 from brdfatlas.pipeline.configuration import files_of_scene
 from brdfatlas.pipeline.logs import logged
 from brdfatlas.pipeline.materials import find_materials
@@ -37,6 +40,21 @@ def test_a_file_of_the_future_is_left_out_until_it_is_touched(tmp_path, monkeypa
     os.utime("data/later.binary")
     found, left_out, _ = find_materials(CONFIG, "standins", "checks.json")
     assert ([material.name for material in found], left_out) == (["later", "now"], [])
+
+
+def test_a_file_that_changes_while_it_is_read_is_no_measurement(tmp_path, monkeypatch):
+    """A copy that is written over it: the values read are of both."""
+    path = tmp_path / "a.binary"
+    write_merl(path, np.full((*GRID_SHAPE, 3), 0.1, np.float32))
+    assert read(path).name == "a"
+
+    def copy_over(table):
+        os.utime(path, ns=(0, 0))
+        return ()
+
+    monkeypatch.setattr(merl, "suspicions", copy_over)
+    with pytest.raises(MeasuredError, match=r"a\.binary: has changed while it was read; see that it is whole"):
+        read(path)
 
 
 def test_a_scenes_file_of_the_future_is_named(tmp_path):

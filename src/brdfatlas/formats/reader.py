@@ -9,7 +9,7 @@ import os
 from dataclasses import replace
 from types import ModuleType
 
-from brdfatlas.files import HEAD_BYTES, ours
+from brdfatlas.files import HEAD_BYTES, ours, stamps
 from brdfatlas.formats import merl, rgl, spectral, stored, tables
 from brdfatlas.formats.files import read_bytes, size_of
 from brdfatlas.measured import Measured, MeasuredError
@@ -40,7 +40,10 @@ def read(path: str | os.PathLike, *, standin: bool = False) -> Measured:
 
     Raises MeasuredError: one line with file, place and remedy; TypeError for what is no path.
     """
-    measured = _module(path).read(path)
+    module, before = _module(path), stamps([path])
+    measured = module.read(path)
+    if stamps([path]) != before:  # parts of two files
+        raise MeasuredError(f"{path}: has changed while it was read; see that it is whole and read it again")
     return replace(measured, standin=True) if standin else measured
 
 
