@@ -573,6 +573,7 @@ def parser() -> argparse.ArgumentParser:
     command("table", table_command, ["fit"], "MERL table", source=True).add_argument("fit", **fit_of)
     sub = command("export", export_command, ["fit"], "JSON", source=True)
     sub.add_argument("fit", **fit_of)
+    sub = sub.add_mutually_exclusive_group()
     sub.add_argument("--to", metavar="TARGET", default="json", choices=list(EXPORTS), help=", ".join(EXPORTS))
     sub.add_argument("--sampler", action="store_true", help="the same as --to sampler")
     sub = command("recommend", recommend_command, ["file"])

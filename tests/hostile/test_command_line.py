@@ -54,6 +54,7 @@ BAD_LINES = {
     "a line break in a command": ["fit\nggx"],
     "an escape in an option": ["info", "a.binary", "--\x1b[31m"],
     "two sets of directions": [*CONVERT, "--like", "a.csv", "--step", "5"],
+    "two targets": ["export", "a.npz", "-o", "a.json", "--to", "merl", "--sampler"],
     "another integrator": ["render", "a.binary", "-o", "a.exr", "--integrator", "volume"],
 }
 
