@@ -424,7 +424,8 @@ def describe_fit(fitted: Fit, measured: Measured, table: np.ndarray) -> dict[str
 
     FitError if the fit has no finite value where the material has one: no picture and no error could be made of it.
     """
-    bad = int((~np.isfinite(fold(table)[measured.valid]).all(-1)).sum())
+    finite = np.logical_and.reduce([np.isfinite(channel) for channel in np.moveaxis(fold(table), -1, 0)])
+    bad = int(np.count_nonzero(measured.valid & ~finite))
     if bad:
         raise FitError(f"{fitted.entry} on {fitted.material}: NaN or Inf at {bad:,} measured cells")
     return {

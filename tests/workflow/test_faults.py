@@ -126,6 +126,16 @@ def test_after_a_job_killed_at_what_has_changed_the_next_run_comes_to_it_again(f
     assert finished.planned() == {}
 
 
+def test_what_an_earlier_run_fitted_anew_is_rendered_and_judged_by_the_next(finished):
+    """Also where the run between ended after the fits."""
+    path = finished.root / "config" / "models.yaml"
+    path.write_text(path.read_text().replace("ggx: {}", "ggx: {fresnel: egsr2015}"))
+    finished.snakemake("--until", "fit_dupuy2015")
+    planned = finished.planned()
+    assert not any(rule.startswith("fit_") for rule in planned)
+    assert {"render_material", "measure_errors", "draw_figures", "write_fits", "write_viewer"} <= planned.keys()
+
+
 @needs_proc
 def test_after_a_killed_snakemake_the_next_run_completes_once_unlocked(finished, undisturbed, differences):
     remove(finished, RENDERS, ERRORS)

@@ -1,7 +1,8 @@
 # (material, paper) --> for each model of the paper a fit (npz) and its report (json), by a rule a paper: fit_dupuy2015,
 # fit_bagher2016 ... A model of a user's own has its own rule. A failed fit is reported, not raised; one that is still
-# right is kept, so a new model costs itself only. The last file that a job writes says that it came to its end: where a
-# job fails, Snakemake (9.27) puts the old files of update() back as if they were made of today's settings.
+# right is kept, so a new model costs itself only. The last file that a job writes, with the checksums of all
+# fits, stands for them: where a job fails, Snakemake (9.27) puts the old files of update() back as if they were made of
+# today's settings.
 MADE = expand("results/fits/{{material}}/{family}.made", family=FAMILIES)
 
 for family, names in FAMILIES.items():

@@ -77,10 +77,10 @@ def bad_cells(table: np.ndarray) -> float:
     """Share of the cells of a table (90, 90, 180 or 360, 3) above the horizon where a channel is negative or not
     finite; 0 to 1."""
     above = above_horizon()
-    values = table.reshape(*above.shape[:2], -1, above.shape[2], 3).swapaxes(2, 3)[above]
     with np.errstate(invalid="ignore"):
-        good = np.isfinite(values) & (values >= 0)
-    return float(1 - good.all(-1).mean())
+        good = np.logical_and.reduce([(f >= 0) & (f < np.inf) for f in np.moveaxis(table, -1, 0)])
+    halves = good.reshape(*above.shape[:2], -1, above.shape[2])
+    return float(1 - np.count_nonzero(halves & above[:, :, None]) / (above.sum() * halves.shape[2]))
 
 
 def physics_checks(fit_or_table: Fit | np.ndarray, table: np.ndarray | None = None) -> dict[str, Any]:

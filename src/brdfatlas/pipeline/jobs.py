@@ -33,8 +33,8 @@ def fit_job(
     made: str,
 ) -> None:
     """Fit entries (``Entry.plain``) to one material and write each one's fit and report, ``outputs``: name -> (fit,
-    report), and at the end their names to ``made``. A fit whose fingerprint is still right is kept; ``provenance``:
-    name -> what its code is made of (:func:`brdfatlas.pipeline.provenance.provenance`).
+    report), and at the end the fits' checksums to ``made``. A fit whose fingerprint is still right is kept;
+    ``provenance``: name -> what its code is made of (:func:`brdfatlas.pipeline.provenance.provenance`).
 
     A model that fails does not stop the run: its report says "failed" and why, its fit file is an empty mark. So does
     an entry of given parameters that has none for this material, which is no failure: its report says "absent". Faults
@@ -55,7 +55,7 @@ def fit_job(
         report = _report_of(row, measured, seed, fit_path)
         write_json(report_path, report | {"fingerprint": fingerprint})
         print(f"{fit_path}: {report['status']}")
-    write_text(made, "".join(f"{name}\n" for name in outputs))
+    write_text(made, "".join(f"{name}\t{file_digest(path)}\n" for name, (path, _) in outputs.items()))
 
 
 def _keep(fit_path: str, report_path: str, fingerprint: str, entry: str, material: str) -> bool:

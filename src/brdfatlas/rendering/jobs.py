@@ -280,8 +280,8 @@ def render_job(
     standin: bool = False,
     threads: int = 1,
 ) -> None:
-    """Render one material in one scene: an EXR for each of ``outputs``, name -> path, and at the end their names to
-    ``made``.
+    """Render one material in one scene: an EXR for each of ``outputs``, name -> path, and at the end their
+    fingerprints to ``made``.
 
     A name is that of one of ``fits``, name -> (fit, report), or REFERENCE, or REFERENCE_AGAIN, the reference with other
     random numbers. ``scene``: path of the prepared scene. ``settings``: samples, batches, seed and variant.
@@ -311,7 +311,7 @@ def render_job(
         counts = {key: settings[key] for key in ("samples", "batches", "seed")}
         for name, render in _renders(prepared, measured, needed, **counts):
             _save(outputs[name], render, labels[name])
-    write_text(made, "".join(f"{name}\n" for name in outputs))
+    write_text(made, "".join(f"{name}\t{told['fingerprint']}\n" for name, told in labels.items()))
 
 
 def _table_of(fit: str, report: str, entry: str, material: str) -> np.ndarray | None:
