@@ -1,6 +1,6 @@
 # The whole experiment on one screen.
 #
-#   .binary --> fits (material x model) --> renders (material x scene: reference and all fits) --> errors (material) --+
+#   .binary --> fits (material x paper) --> renders (material x scene: reference and all fits) --> errors (material) --+
 #      |                  +--> figures (material)                                                                       |
 #      +-------------------------------------------------------------> page (material) --> index, standings, PDF <------+
 #

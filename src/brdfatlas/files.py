@@ -114,6 +114,11 @@ def file_digest(path: str | os.PathLike) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
+def fingerprint(*told: Any) -> str:
+    """SHA-256 of what JSON can hold."""
+    return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+
+
 def _target(path: str | os.PathLike) -> Path:
     """Where writing to ``path`` goes: through links, and only to a regular file or a new one. FileFault if neither."""
     check_path(path)
@@ -256,6 +261,11 @@ def write_text(path: str | os.PathLike, text: str) -> None:
     """Write UTF-8 text, whole or not at all."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def write_made(path: str | os.PathLike, told: Mapping[str, str]) -> None:
+    """The last file of a job: lines "name, tab, checksum", so that it changes with what stands for each name."""
+    write_text(path, "".join(f"{name}\t{checksum}\n" for name, checksum in told.items()))
 
 
 def write_json(path: str | os.PathLike, value: Any) -> None:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from brdfatlas.constants import LUMINANCE
 from brdfatlas.figures import style
-from brdfatlas.figures.panel import Panel, boxes, limits, linear, logarithmic, root_degrees
+from brdfatlas.figures.panel import Panel, boxes, decades, limits, linear, root_degrees
 from brdfatlas.models.base import Function
 
 #: What the page draws, by symbol: title, unit, whether on a logarithmic scale.
@@ -66,7 +66,7 @@ def plot_curves(charts: Sequence[Mapping[str, Any]], titles: Mapping[str, str], 
             x = root_degrees() if chart["axis"] == AXES["theta_h"] else linear(0, 90, [0, 30, 60, 90])
             y = linear(0, top + 0.05 * (top - low) if top > 0 else 1, most=7)
             if chart["log"]:
-                y = logarithmic(max(top, 1e-12) * style.LEAST, max(top, 1e-12) * 2)
+                y = decades(top)
             panel = Panel(figure, box, x, y)
             panel.label(below=f"{chart['axis']} (degrees)", title=chart["title"])
             for name, values in curves.items():

@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 
 from brdfatlas.figures import style
-from brdfatlas.figures.panel import Panel, boxes, limits, linear, logarithmic, root_degrees
+from brdfatlas.figures.panel import Panel, boxes, decades, limits, linear, root_degrees
 from brdfatlas.fits import Fit
 from brdfatlas.models.base import Function
 
@@ -52,7 +52,7 @@ def _plot(figure: Figure, box: Bbox, own: list[Function]) -> None:
     if first.axis == "theta_h":  # spaced as the measurements are
         x = root_degrees()
         if low >= 0:
-            y = logarithmic(max(top, 1e-12) * style.LEAST, max(top, 1e-12) * 2)
+            y = decades(top)
     else:
         x = linear(0, 180, [0, 60, 120, 180]) if first.axis == "phi_d" else linear(0, 90, [0, 30, 60, 90])
         if low >= 0:

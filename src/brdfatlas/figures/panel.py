@@ -78,6 +78,12 @@ def logarithmic(low: float, high: float) -> Scale:
     return Scale(low, high, ticks, style.power_of_ten, lambda values: np.log10(np.maximum(values, 1e-300)))
 
 
+def decades(top: float) -> Scale:
+    """Logarithmic, from style.LEAST of ``top`` to twice of it."""
+    top = max(top, 1e-12)
+    return logarithmic(top * style.LEAST, top * 2)
+
+
 def _within(ticks: Sequence[float], low: float, high: float) -> list[float]:
     slack = 1e-9 * (high - low)
     return [float(tick) for tick in ticks if low - slack <= tick <= high + slack]

@@ -159,22 +159,28 @@ class Scene:
     def pictures(self, image: Render, kinds: Iterable[str] = KINDS) -> dict[str, np.ndarray]:
         """The pictures of one model by their kind, uint8."""
         seen = self.view.beside(image.mean[self.box])
-        return {kind: getattr(self, kind)(image, seen) for kind in kinds}
+        makers = {
+            "render": lambda: self.render(image),
+            "de00": lambda: self.de00(seen),
+            "flip": lambda: self.flip(seen),
+            "diff": lambda: self.diff(image),
+        }
+        return {kind: makers[kind]() for kind in kinds}
 
-    def render(self, image: Render, seen: View) -> np.ndarray:
+    def render(self, image: Render) -> np.ndarray:
         return to_8_bit(tone_map(image.mean, *self.tone))
 
-    def de00(self, image: Render, seen: View) -> np.ndarray:
+    def de00(self, seen: View) -> np.ndarray:
         delta = np.zeros(self.mask.shape, np.float32)
         delta[self.mask] = delta_e(self.view.lab, seen.lab)
         return apply_colours(log_place(delta, DE00_RANGE), colour_table("cividis"), self.mask)
 
-    def flip(self, image: Render, seen: View) -> np.ndarray:
+    def flip(self, seen: View) -> np.ndarray:
         found = np.zeros(self.mask.shape, np.float32)
         found[self.box] = flip(self.view.seen, seen.seen)
         return apply_colours(log_place(found, FLIP_RANGE), colour_table("magma"), self.mask)
 
-    def diff(self, image: Render, seen: View) -> np.ndarray:
+    def diff(self, image: Render) -> np.ndarray:
         signed = luminance_difference(self.reference.mean, image.mean, self.tone.exposure)
         return apply_colours(signed_root(signed), colour_table("RdBu_r"), self.mask)
 

@@ -45,17 +45,18 @@ def mean_albedo(table: np.ndarray) -> np.ndarray:
 
 def suspicions(table: np.ndarray) -> tuple[str, ...]:
     """Warnings on a table in 1/sr, one line each; none if it looks like reflectance."""
-    share = (~np.isnan(table[..., 0])).sum() / above_horizon().sum()
+    valid = ~np.isnan(table[..., 0])
+    share = np.count_nonzero(valid) / np.count_nonzero(above_horizon())
     told = f"{100 * share:.3g}% of the cells above the horizon were measured; elsewhere the nearest of them stands in"
-    return (*((told,) if share < FEW_CELLS else ()), *_backward(table), *_scale(table))
+    return (*((told,) if share < FEW_CELLS else ()), *_backward(table, valid), *_scale(table, valid))
 
 
-def _backward(table: np.ndarray) -> tuple[str, ...]:
+def _backward(table: np.ndarray, valid: np.ndarray) -> tuple[str, ...]:
     """A suspicion, where light from 30 to 60 degrees goes back to where it came from and not on."""
     theta_h, theta_d = np.rad2deg(theta_h_centres()), np.rad2deg(theta_d_centres())
     oblique = [(theta > 30) & (theta < 60) for theta in (theta_h, theta_d)]
-    cells = table[theta_h < 1][:, oblique[1]], table[oblique[0]][:, theta_d < 8]
-    values = [part[~np.isnan(part[..., 0])] for part in cells]
+    places = np.ix_(theta_h < 1, oblique[1]), np.ix_(oblique[0], theta_d < 8)
+    values = [table[place][valid[place]] for place in places]
     if not all(part.size for part in values):
         return ()
     mirror, back = (float(np.median(part.mean(-1))) for part in values)
@@ -65,11 +66,10 @@ def _backward(table: np.ndarray) -> tuple[str, ...]:
     return (f"brightest towards the light ({told}): the mirror direction has phi_o = phi_i + 180 degrees",)
 
 
-def _scale(table: np.ndarray) -> tuple[str, ...]:
+def _scale(table: np.ndarray, valid: np.ndarray) -> tuple[str, ...]:
     """A suspicion on the scale; half of the values above UNSCALED are those of no reflectance."""
-    values = np.count_nonzero(~np.isnan(table))
     albedo, largest = float(mean_albedo(table).max()), float(np.fmax.reduce(table, axis=None))
-    if 2 * np.count_nonzero(table > UNSCALED) > values or albedo > UNSCALED:
+    if 2 * np.count_nonzero(table > UNSCALED) > 3 * np.count_nonzero(valid) or albedo > UNSCALED:
         told = "values look unscaled ({}): were MERL's factors (1, 1.15, 1.66)/1500 left out?"
     elif largest < 1e-3 or albedo < 1e-3:
         told = "values look scaled twice ({}): were MERL's factors applied before the file was written?"

@@ -1,7 +1,5 @@
 """The body of a job that fits the models of one paper to one material."""
 
-import hashlib
-import json
 import os
 import sys
 import time
@@ -11,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from brdfatlas.constants import ABSENT
-from brdfatlas.files import digest_of, file_digest, read_record, write_json, write_text
+from brdfatlas.files import digest_of, file_digest, fingerprint, read_record, write_json, write_made
 from brdfatlas.fits import describe_fit, fit, load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
@@ -42,35 +40,37 @@ def fit_job(
     """
     measured = read(binary, standin=standin)
     content = [digest_of(measured.table), measured.name, standin, seed]
+    checksums = {}
     for entry in entries:
         row = Entry(**entry)
         fit_path, report_path = outputs[row.name]
         given = file_digest(row.parameters) if row.parameters else ""
-        told = [*content, row.plain, given, provenance[row.name]]
-        fingerprint = hashlib.sha256(json.dumps(told).encode()).hexdigest()
-        if _keep(fit_path, report_path, fingerprint, row.name, measured.name):
+        right = fingerprint(*content, row.plain, given, provenance[row.name])
+        report = _kept(fit_path, report_path, right, row.name, measured.name)
+        if report:
             print(f"{fit_path}: kept")
-            continue
-        Path(report_path).unlink(missing_ok=True)  # code of others that ends the process with status 0 leaves no report
-        report = _report_of(row, measured, seed, fit_path)
-        write_json(report_path, report | {"fingerprint": fingerprint})
-        print(f"{fit_path}: {report['status']}")
-    write_text(made, "".join(f"{name}\t{file_digest(path)}\n" for name, (path, _) in outputs.items()))
+        else:
+            Path(report_path).unlink(missing_ok=True)  # code of others that ends the process leaves no report
+            report = _report_of(row, measured, seed, fit_path)
+            write_json(report_path, report | {"fingerprint": right})
+            print(f"{fit_path}: {report['status']}")
+        checksums[row.name] = report.get("sha256", report["status"])
+    write_made(made, checksums)
 
 
-def _keep(fit_path: str, report_path: str, fingerprint: str, entry: str, material: str) -> bool:
-    """Whether a fit and its report are there, whole and still right; they then get a fresh time stamp. One that failed
-    is tried again."""
+def _kept(fit_path: str, report_path: str, right: str, entry: str, material: str) -> Mapping[str, Any]:
+    """The report of a fit, empty unless both are there, whole and still right, by their fingerprint; they then get a
+    fresh time stamp. A fit that failed is tried again."""
     try:
-        report = read_record(report_path, "status", "fingerprint")
-        if report["status"] != "ok" or report["fingerprint"] != fingerprint:
-            return False
+        report = read_record(report_path, "status", "fingerprint", "sha256")
+        if report["status"] != "ok" or report["fingerprint"] != right:
+            return {}
         load_reported(fit_path, report, entry, material)
     except (OSError, ValueError):
-        return False
+        return {}
     for path in (fit_path, report_path):
         os.utime(path)
-    return True
+    return report
 
 
 def _report_of(row: Entry, measured: Measured, seed: int, fit_path: str) -> dict[str, Any]:

@@ -1,12 +1,11 @@
 """What runs made in reports/: what is gone of it is noticed, what is left over from an earlier run is removed."""
 
-import hashlib
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from brdfatlas.files import UNFINISHED, read_record, write_text
+from brdfatlas.files import UNFINISHED, file_digest, read_record, write_text
 
 HOUR = 3600.0
 
@@ -43,7 +42,7 @@ def record_reports_job(
         path = Path(name)
         if name in made or path.parts[:1] != ("reports",) or ".." in path.parts or not path.is_file():
             continue
-        if _digest(path) != digest:
+        if file_digest(path) != digest:
             say(f"{name}: not part of this run, but changed since it was made; kept")
             continue
         path.unlink()
@@ -53,11 +52,7 @@ def record_reports_job(
         for path in Path(folder).rglob(f"{UNFINISHED}*"):
             if path.is_file() and path.stat().st_mtime < time.time() - HOUR:
                 path.unlink()
-    write_text(record, "".join(f"{_digest(Path(name))}\t{name}\n" for name in sorted(made)))
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    write_text(record, "".join(f"{file_digest(name)}\t{name}\n" for name in sorted(made)))
 
 
 def _remove_empty(folder: Path) -> None:

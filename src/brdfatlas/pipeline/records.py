@@ -1,6 +1,5 @@
 """What a run records of its materials and of itself: descriptions, versions, verdict."""
 
-import hashlib
 import platform
 import subprocess
 import sys
@@ -15,7 +14,7 @@ import numpy as np
 from brdfatlas import __version__
 from brdfatlas.angles import above_horizon
 from brdfatlas.constants import ABSENT
-from brdfatlas.files import read_record, write_json
+from brdfatlas.files import file_digest, read_record, write_json
 from brdfatlas.formats.files import name_of
 from brdfatlas.formats.reader import read, stored
 from brdfatlas.measured import Measured, MeasuredError
@@ -68,8 +67,7 @@ def read_material_job(source: str, output: str) -> None:
 def describe_material_job(binary: str, standin: bool, output: str) -> None:
     """Write the description of one material."""
     measured = read(binary, standin=standin)
-    digest = hashlib.sha256(Path(measured.path or binary).read_bytes()).hexdigest()
-    write_json(output, describe_material(measured) | {"sha256": digest})
+    write_json(output, describe_material(measured) | {"sha256": file_digest(measured.path or binary)})
 
 
 def revision(root: Path) -> str:

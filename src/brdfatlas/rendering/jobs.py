@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
-from brdfatlas.files import digest_of, read_record, write_text
+from brdfatlas.files import digest_of, fingerprint, read_record, write_made
 from brdfatlas.fits import Fit, is_fit_file, load_fit, load_reported
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import Measured
@@ -311,7 +311,7 @@ def render_job(
         counts = {key: settings[key] for key in ("samples", "batches", "seed")}
         for name, render in _renders(prepared, measured, needed, **counts):
             _save(outputs[name], render, labels[name])
-    write_text(made, "".join(f"{name}\t{told['fingerprint']}\n" for name, told in labels.items()))
+    write_made(made, {name: told["fingerprint"] for name, told in labels.items()})
 
 
 def _table_of(fit: str, report: str, entry: str, material: str) -> np.ndarray | None:
@@ -328,9 +328,8 @@ def _labels(
     failed = fitted and table is None
     content = digest_of(measured.table if table is None else table, measured.table)
     told = [scene.digest(), content, measured.name, scene.name, name == REFERENCE_AGAIN, failed, *chosen]
-    fingerprint = hashlib.sha256(json.dumps(told).encode()).hexdigest()
     labels = {"material": measured.name, "model": name, "standin": str(measured.standin).lower()}
-    labels |= {"fingerprint": fingerprint, "title": scene.definition["title"]}
+    labels |= {"fingerprint": fingerprint(*told), "title": scene.definition["title"]}
     return labels | {key: repr(float(scene.definition[key])) for key in ("exposure", "gamma")}
 
 
