@@ -27,8 +27,8 @@ Sources: Golub and Pereyra 1973; Kaufman 1975 (BIT 15); Moré 1978 (scaling and 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -292,32 +292,15 @@ def fit_separable(
     upper: np.ndarray,
     *,
     linear: int = 2,
-    follow: int = 8,
-    separation: float = 0.0,
-    max_iterations: int = 100,
-    tolerance: float = 1e-7,
-    enough: float = 0.0,
+    **settings: Any,
 ) -> Solution:
-    """As :func:`fit_nonlinear` for a problem with ``linear`` non-negative linear parameters a channel inside.
+    """As :func:`fit_nonlinear`, with its ``settings``, for a problem with ``linear`` non-negative linear parameters a
+    channel inside.
 
     The objective is sum_c |target_c - sum_l a_cl b_l(x)|^2 in the problem's weights. Solution.linear is (C, linear).
     """
-    projected = _Projected(problem, linear)
-    found = fit_nonlinear(
-        projected,
-        starts,
-        lower,
-        upper,
-        follow=follow,
-        separation=separation,
-        max_iterations=max_iterations,
-        tolerance=tolerance,
-        enough=enough,
-    )
-    a = _separable_value(problem.moments(found.x, derivatives=False), linear)[1]
-    return Solution(
-        found.x, a, found.objective, found.converged, found.iterations, found.message, found.history, found.starts
-    )
+    found = fit_nonlinear(_Projected(problem, linear), starts, lower, upper, **settings)
+    return replace(found, linear=_separable_value(problem.moments(found.x, derivatives=False), linear)[1])
 
 
 def latin_starts(count: int, lower: np.ndarray, upper: np.ndarray, seed: int = 0) -> np.ndarray:
