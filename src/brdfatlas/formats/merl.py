@@ -74,13 +74,12 @@ def _header(path: str | os.PathLike) -> tuple[str, tuple[int, ...]]:
 
 
 @njit(cache=True, nogil=True)
-def _decode(stored, scale, above, table):
-    """Scale, interleave and mask the planar file; returns the numbers of non-finite, valid and out-of-gamut cells and
-    the largest value."""
-    n = above.size
+def _decode(red, green, blue, scale, above, table):
+    """Scale, interleave and mask the channels (n,) of a file; returns the numbers of non-finite, valid and out-of-gamut
+    cells and the largest value."""
     bad, valid, gamut, largest = 0, 0, 0, 0.0
-    for i in range(n):
-        r, g, b = stored[i], stored[n + i], stored[2 * n + i]
+    for i in range(above.size):
+        r, g, b = red[i], green[i], blue[i]
         if not (np.isfinite(r) and np.isfinite(g) and np.isfinite(b)):
             bad += 1
         if above[i] and (r >= 0.0 or g >= 0.0 or b >= 0.0):
@@ -102,19 +101,35 @@ def read(path: str | os.PathLike, *, standin: bool = False) -> Measured:
     MeasuredError (one line, naming the file) for wrong dimensions, a truncated or over-long file, NaN or Inf, values
     above MAX_VALUE, no valid cell, or what is not a readable regular file.
     """
+    table, gamut, mark, warnings = load(path)
+    provenance = Provenance(
+        format=TITLE,
+        kind=RECONSTRUCTED if mark == RECONSTRUCTED_MARK else MEASURED,
+        shares={"out of gamut": gamut},
+        warnings=(*warnings, *suspicions(table)),
+    )
+    return Measured(name_of(path), table, standin or mark == STANDIN_MARK, Path(path), provenance)
+
+
+check = read
+
+
+def load(path: str | os.PathLike) -> tuple[np.ndarray, float, float, list[str]]:
+    """The table of a file, GRID_SHAPE x 3 float32 in 1/sr, the share of its valid cells that are out of gamut, the last
+    number in the file, which may be a mark of ours, and warnings on its form. MeasuredError as of :func:`read`."""
     order, shape = _header(path)
     path = Path(path)
-    try:
-        stored = np.fromfile(path, f"{order}f8", offset=HEADER_BYTES)
+    cells = int(np.prod(shape))
+    try:  # channels of half the size of the file get memory that is used again
+        stored = [np.fromfile(path, f"{order}f8", cells, offset=HEADER_BYTES + 8 * cells * c) for c in range(3)]
     except OSError as error:
         raise MeasuredError(f"{path}: cannot be read ({error.strerror or error})") from None
-    cells = int(np.prod(shape))
-    if stored.size != 3 * cells:
+    if any(channel.size != cells for channel in stored):
         raise MeasuredError(f"{path}: truncated while reading")
-    stored = stored.astype("<f8", copy=False)
+    stored = [channel.astype("<f8", copy=False) for channel in stored]
     above = above_horizon() if shape == GRID_SHAPE else _above(shape)
     table = np.empty((cells, 3), np.float32)
-    bad, valid, gamut, largest = _decode(stored, SCALE, above.ravel(), table)
+    bad, valid, gamut, largest = _decode(*stored, SCALE, above.ravel(), table)
     if bad or largest > MAX_VALUE:
         fault = f"{bad:,} cells hold NaN or Inf" if bad else f"a value of {largest:.3g} 1/sr; {MAX_VALUE:g} is the most"
         raise MeasuredError(f"{path}: {fault}{_other_order(stored)}")
@@ -129,34 +144,24 @@ def read(path: str | os.PathLike, *, standin: bool = False) -> Measured:
         warnings.append(
             "values look interleaved (r g b of a cell side by side), MERL files hold one channel after another"
         )
-    provenance = Provenance(
-        format=TITLE,
-        kind=RECONSTRUCTED if stored[-1] == RECONSTRUCTED_MARK else MEASURED,
-        shares={"out of gamut": gamut / valid},
-        warnings=(*warnings, *suspicions(table)),
-    )
-    standin = standin or bool(stored[-1] == STANDIN_MARK)
-    return Measured(name_of(path), table, standin, path, provenance)
+    return table, gamut / valid, float(stored[2][-1]), warnings
 
 
-check = read
-
-
-def _other_order(stored: np.ndarray) -> str:
+def _other_order(stored: list[np.ndarray]) -> str:
     """A suspicion, if the numbers make sense with their bytes reversed."""
-    swapped = stored.byteswap()
+    swapped = np.concatenate(stored).byteswap()
     with np.errstate(all="ignore"):
         sane = np.isfinite(swapped).all() and (np.abs(swapped) < MAX_VALUE / SCALE[0]).all()
         sane = sane and (np.abs(swapped[swapped != 0]) > 1e-30).all() and swapped.any()
     return "; the numbers look big-endian behind a little-endian header: swap their bytes" if sane else ""
 
 
-def _interleaved(stored: np.ndarray, valid: int) -> bool:
+def _interleaved(stored: list[np.ndarray], valid: int) -> bool:
     """Whether the signs fit the horizon if taken as interleaved, and do not as they are."""
     above = above_horizon().ravel()
     if valid > 0.95 * above.sum():
         return False
-    return bool(((stored.reshape(-1, 3) >= 0).any(-1) == above).mean() > 0.99)
+    return bool(((np.concatenate(stored).reshape(-1, 3) >= 0).any(-1) == above).mean() > 0.99)
 
 
 def _axes(shape: tuple[int, ...]) -> tuple[list[np.ndarray], bool]:

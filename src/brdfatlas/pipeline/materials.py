@@ -5,15 +5,17 @@ import sys
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from brdfatlas.angles import GRID_SHAPE
 from brdfatlas.constants import LONGEST_NAME, NAME
 from brdfatlas.files import read_json
 from brdfatlas.formats.files import name_of
-from brdfatlas.formats.reader import ENDINGS, check, format_of, merl, read
+from brdfatlas.formats.reader import ENDINGS, check, format_of, merl
 from brdfatlas.measured import MeasuredError
 from brdfatlas.objectives import importance_weight
 from brdfatlas.pipeline.configuration import choose, time_fault
@@ -196,20 +198,26 @@ def name_fault(name: str) -> str:
     return ""
 
 
+@cache
+def _judged() -> np.ndarray:
+    """Cells by which fits are judged where they were measured; bool of GRID_SHAPE."""
+    return importance_weight(np.ones(GRID_SHAPE, bool)) > 0
+
+
 def _fault(name: str, path: Path) -> str:
     fault = name_fault(name)
     if fault:
         return f"{shown(path)}: {fault}; rename the file"
     try:
-        if format_of(path) not in (merl, None):
+        if format_of(path) is not merl:
             check(path)
             return ""
-        measured = read(path)
+        table = merl.load(path)[0]
     except MeasuredError as error:
         return str(error)
-    counted = importance_weight(measured.valid) > 0
+    counted = _judged() & ~np.isnan(table[..., 0])
     if not counted.any():
         return f"{path}: no valid cell with both directions within 89 degrees of the normal, where fits are judged"
-    if not any((counted & (channel > 0)).any() for channel in np.moveaxis(measured.table, -1, 0)):
+    if not any((counted & (channel > 0)).any() for channel in np.moveaxis(table, -1, 0)):
         return f"{path}: black, every sample within 89 degrees of the normal is 0"
     return ""
