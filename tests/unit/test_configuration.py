@@ -273,7 +273,7 @@ def test_bad_materials_are_left_out_with_a_reason_and_recorded_verdicts_are_beli
     assert all(item.path in item.reason for item in left_out)
 
     write_json(checks, verdicts)
-    monkeypatch.setattr("brdfatlas.pipeline.materials.read", lambda path: pytest.fail("read again"))
+    monkeypatch.setattr("brdfatlas.pipeline.materials.merl.load", lambda path: pytest.fail("read again"))
     assert find_materials(config, "standins", checks) == (usable, left_out, verdicts)
     with pytest.raises(ConfigError, match="strict"):
         find_materials(config | {"strict": True}, "standins", checks)
