@@ -15,15 +15,8 @@ from brdfatlas import read_merl
 from brdfatlas.angles import GRID_SHAPE
 from brdfatlas.formats.merl import FILE_BYTES, check_header
 from brdfatlas.pipeline import download as dl
-from brdfatlas.pipeline.download import (
-    DownloadError,
-    Remote,
-    download,
-    fetch_asset,
-    fetch_merl,
-    fetch_rgl,
-    unpack_merl,
-)
+from brdfatlas.pipeline.download import DownloadError, Remote, download
+from brdfatlas.pipeline.fetch import fetch_asset, fetch_merl, fetch_rgl, unpack_merl
 
 QUICK = {"attempts": 3, "pause": 0.01, "timeout": 5.0, "say": lambda line: None}
 
