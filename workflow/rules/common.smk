@@ -1,10 +1,13 @@
 # The run's materials, models and scenes, checked before any work, and the few helpers that rules share. Reading this
 # writes nothing.
 
+import functools
 import os
 import shlex
 import sys
 from pathlib import Path
+
+from snakemake.io import IOFile
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.export.uber_texture import HEIGHT, has_row
@@ -14,6 +17,7 @@ from brdfatlas.models.given import why_no_row
 from brdfatlas.pipeline.configuration import (
     check_configfiles,
     check_samples,
+    check_writable,
     choose,
     files_of_scene,
     read_assets,
@@ -33,6 +37,8 @@ if Path(sys.executable).exists():  # not quoted yet
     sys.executable = shlex.quote(sys.executable)
 
 try:
+    # Snakemake, which writes there before it plans, ends in a traceback where it cannot.
+    check_writable([".snakemake", *Path(".snakemake").glob("*/")])
     check_configfiles(workflow.configfiles)
     config = read_config(config)
     ALL_ENTRIES = read_entries(config["models_file"])
@@ -48,19 +54,19 @@ try:
     choose([config["animation"]["model"]] if config["animation"]["model"] else [], MODELS, "animation.model", "config")
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     FOUND, LEFT_OUT, CHECKS = find_materials(config, "results/standins", "results/checks.json")
+    # An entry of given parameters stands in the run if any material has them.
+    for name in list(MODELS):
+        if not ALL_ENTRIES[name].parameters:
+            continue
+        reasons = [
+            why_no_row(name, ALL_ENTRIES[name].parameters, material.name, standin=material.standin)
+            for material in FOUND
+        ]
+        if all(reasons):
+            MODELS.remove(name)
+            print(f"left out: {name}: {reasons[0]}", file=sys.stderr)
 except ValueError as error:
     raise WorkflowError(str(error)) from None
-
-# An entry of given parameters stands in the run if any material has them.
-for name in list(MODELS):
-    if not ALL_ENTRIES[name].parameters:
-        continue
-    reasons = [
-        why_no_row(name, ALL_ENTRIES[name].parameters, material.name, standin=material.standin) for material in FOUND
-    ]
-    if all(reasons):
-        MODELS.remove(name)
-        print(f"left out: {name}: {reasons[0]}", file=sys.stderr)
 
 # The rows of the run, for every job that says more of a model than its name.
 ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
@@ -127,7 +133,36 @@ def provenance_of_fit(name):
 
 def binary_of(wildcards):
     """The file of a material that jobs read."""
+    check_results()
     return BINARIES[wildcards.material]
+
+
+@functools.cache
+def check_results():
+    """While a run is planned, once: that results can be written, and that it is known what they were made of. Where
+    Snakemake's records are gone (.snakemake deleted), it takes whatever exists for today's; all jobs run then, and keep
+    fits and renders that are still right."""
+    if not workflow.is_main_process:
+        return
+    if workflow.touch:
+        raise SystemExit(
+            "--touch: results of other settings would stand as today's; leave it out: what is still right is kept"
+        )
+    if not workflow.dryrun:
+        try:
+            check_writable(
+                folder
+                for top in map(Path, ("results", "reports"))
+                for folder in [top, *top.glob("*/"), *top.glob("*/*/")]
+            )
+        except ValueError as error:
+            raise SystemExit(str(error)) from None
+    made = ["results/run.json", *made_by(rules.prepare_scene, scene=SCENES), *expand(MADE, material=MATERIALS)]
+    if any(os.path.exists(file) and not workflow.persistence.metadata(IOFile(file)) for file in made):
+        print(
+            "results: no record in .snakemake of what they were made of; every job looks at them again", file=sys.stderr
+        )
+        workflow.dag.forcerules.update(workflow.dag.rules)
 
 
 def planned(wildcards):

@@ -51,6 +51,7 @@ def fit_job(
         if _keep(fit_path, report_path, fingerprint, row.name, measured.name):
             print(f"{fit_path}: kept")
             continue
+        print(f"fitting {row.name} to {measured.name}")  # the run's progress names it where the process ends here
         Path(report_path).unlink(missing_ok=True)  # code of others that ends the process with status 0 leaves no report
         report = _report_of(row, measured, seed, fit_path)
         write_json(report_path, report | {"fingerprint": fingerprint})
