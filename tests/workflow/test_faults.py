@@ -235,6 +235,24 @@ def test_without_snakemakes_records_nothing_old_stands_as_new(finished, undistur
     assert f"{RENDERS.removeprefix('results/')}/ggx/studio_sphere.exr" in differences(finished, undisturbed)
 
 
+def test_results_of_the_future_stop_the_run_with_a_remedy_that_works(finished, undisturbed, differences):
+    """As after a clock that was set back; Snakemake would fail all that is made of them."""
+    for path in results(finished):
+        os.utime(path, (time.time() + 86400,) * 2)
+    change_a_model(finished)
+    done = finished.snakemake(*TARGET, check=False)
+    assert done.returncode == 1
+    assert "of a time to come" in done.stdout
+    remedy = done.stdout.split("`")[1]
+    (finished.root / "reports").mkdir(exist_ok=True)
+    subprocess.run(remedy, shell=True, cwd=finished.root, check=True)
+    finished.snakemake("--forceall", *TARGET)
+    assert load_fit(finished.root / f"{FIT}.npz").options["fresnel"] == "egsr2015"
+    shutil.copy(undisturbed.root / "config" / "models.yaml", finished.root / "config" / "models.yaml")
+    finished.snakemake(*TARGET)
+    assert differences(finished, undisturbed) == []
+
+
 def test_touch_does_not_make_old_results_new(finished):
     change_a_model(finished)
     done = finished.snakemake("--touch", *TARGET, check=False)

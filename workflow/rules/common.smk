@@ -23,6 +23,7 @@ from brdfatlas.pipeline.configuration import (
     read_assets,
     read_config,
     read_rgl,
+    time_fault,
 )
 from brdfatlas.pipeline.leftovers import missing_files
 from brdfatlas.pipeline.materials import MEASURED_FOLDER, find_materials
@@ -139,16 +140,22 @@ def binary_of(wildcards):
 
 @functools.cache
 def check_results():
-    """While a run is planned, once: that results can be written, and that it is known what they were made of. Where
-    Snakemake's records are gone (.snakemake deleted), it takes whatever exists for today's; all jobs run then, and keep
-    fits and renders that are still right."""
+    """While a run is planned, once: that results are not of the future, where Snakemake fails what is made of them, that
+    they can be written, and that it is known what they were made of. Where Snakemake's records are gone (.snakemake
+    deleted), it takes whatever exists for today's; all jobs run then, and keep fits and renders that are still right."""
     if not workflow.is_main_process:
         return
     if workflow.touch:
         raise SystemExit(
             "--touch: results of other settings would stand as today's; leave it out: what is still right is kept"
         )
-    if not workflow.dryrun:
+    made = ["results/run.json", *made_by(rules.prepare_scene, scene=SCENES), *expand(MADE, material=MATERIALS)]
+    if workflow.executor_plugin and not workflow.dryrun:  # not for who only looks
+        if ahead := [file for file in made if time_fault(file)]:
+            raise SystemExit(
+                f"results: of a time to come ({ahead[0]}); correct the clock, or "
+                "`find results reports -newermt now -exec touch {} +`, then run with --forceall"
+            )
         try:
             check_writable(
                 folder
@@ -157,7 +164,6 @@ def check_results():
             )
         except ValueError as error:
             raise SystemExit(str(error)) from None
-    made = ["results/run.json", *made_by(rules.prepare_scene, scene=SCENES), *expand(MADE, material=MATERIALS)]
     if any(os.path.exists(file) and not workflow.persistence.metadata(IOFile(file)) for file in made):
         print(
             "results: no record in .snakemake of what they were made of; every job looks at them again", file=sys.stderr
