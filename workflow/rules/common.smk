@@ -142,7 +142,8 @@ def binary_of(wildcards):
 def check_results():
     """While a run is planned, once: that results are not of the future, where Snakemake fails what is made of them, that
     they can be written, and that it is known what they were made of. Where Snakemake's records are gone (.snakemake
-    deleted), it takes whatever exists for today's; all jobs run then, and keep fits and renders that are still right."""
+    deleted), it takes whatever exists for today's; all jobs run then, and keep fits and renders that are still right.
+    """
     if not workflow.is_main_process:
         return
     if workflow.touch:
