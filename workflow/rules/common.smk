@@ -234,11 +234,13 @@ def redrawn(wildcards):
     that a rule names, for that rule runs, and two jobs would write into one folder."""
     named = set(made_by(rules.draw_figures, material=MATERIALS))
     gone = {name: missing_files(name, folder) for name, folder in LISTINGS.items()}
-    return [
+    lists = [
         name.replace("results/", "results/redrawn/", 1)
         for name, files in gone.items()
         if files and named.isdisjoint(map(str, files))
     ]
+    workflow.dag.forcefiles.update(lists)  # one that an earlier run left there, as with --notemp, would hide the loss
+    return lists
 
 
 def lost(wildcards):
