@@ -63,6 +63,7 @@ def fault(error: BaseException) -> str:
     named = RESULT.search(words)
     if (
         named
+        and "delete it" not in words
         and Path(named[0]).exists()
         and (isinstance(error, IsADirectoryError) or not getattr(error, "errno", None))
     ):
