@@ -1,5 +1,5 @@
-"""The command while it imports, which takes its first second or two: Ctrl-C ends it at once, without a traceback, and a
-number of threads that Numba refuses is told in one line.
+"""The command, and a rule's script, while it imports, which takes the first second or two: Ctrl-C ends it at once,
+without a traceback, and a number of threads that Numba refuses is told in one line.
 
 Nothing changes for a program that imports the package, but that a SOURCE_DATE_EPOCH that is no time is named.
 """
@@ -16,14 +16,19 @@ def _is_command() -> bool:
     return os.path.basename(sys.argv[0] if getattr(sys, "argv", None) else "") == "brdfatlas"
 
 
+def _is_job() -> bool:
+    """Whether this is the script of a rule, which Snakemake runs as a program of its own."""
+    return os.sep.join([".snakemake", "scripts", ""]) in (getattr(sys, "argv", None) or [""])[0]
+
+
 def _swap(old: object, new: object) -> None:
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is old:
         signal.signal(signal.SIGINT, new)  # type: ignore[arg-type]
 
 
 def as_exceptions() -> None:
-    """What the command calls when its imports are done: Ctrl-C is a KeyboardInterrupt again."""
-    if _is_command():
+    """What the command, and a rule's script, call when their imports are done: Ctrl-C is a KeyboardInterrupt again."""
+    if _is_command() or _is_job():
         _swap(signal.SIG_DFL, signal.default_int_handler)
 
 
@@ -49,4 +54,5 @@ def _check_epoch() -> None:
 _check_epoch()
 if _is_command():
     _check_threads()
+if _is_command() or _is_job():
     _swap(signal.default_int_handler, signal.SIG_DFL)

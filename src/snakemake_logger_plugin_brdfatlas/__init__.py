@@ -6,6 +6,7 @@ only the file gets them, and the terminal one line at the end.
 """
 
 import os
+import re
 import sys
 import time
 from collections import Counter
@@ -51,6 +52,9 @@ class LogHandler(LogHandlerBase):
         elif event == LogEvent.JOB_ERROR:
             self.failed += 1
             self.running.pop(record.jobid, None)
+            for path in getattr(record, "log", None) or ():
+                if at_work := unfinished_fit(path):
+                    print(f"the process ended while {at_work}: its code, memory or a kill ({path})", file=sys.stderr)
         elif event == LogEvent.JOB_FINISHED and record.job_id in self.running:
             rule, begun = self.running.pop(record.job_id)
             self.done[rule] += 1
@@ -108,6 +112,17 @@ class LogHandler(LogHandlerBase):
             self.say(sys.stderr)
             self.done, self.failed = Counter(), 0
         super().close()
+
+
+def unfinished_fit(path: str) -> str:
+    """ "fitting MODEL to MATERIAL" where the log of a job ends in that fit, without a result or a fault; else ""."""
+    try:
+        text = "\n" + Path(path).read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+    _, begun, rest = text.rpartition("\nfitting ")
+    line, _, said = rest.partition("\n")
+    return "" if not begun or re.search(r"^Traceback|: (ok|failed|absent)$", said, re.MULTILINE) else f"fitting {line}"
 
 
 def duration(seconds: float) -> str:

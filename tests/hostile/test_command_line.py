@@ -525,14 +525,29 @@ def test_a_full_folder_of_temporary_files_is_told_with_its_remedy(linked, monkey
     assert re.fullmatch(r"brdfatlas recommend: .*/brdfatlas\.\S+: No space left on device; set TMPDIR .*\n", told)
 
 
-@pytest.mark.parametrize(("program", "words"), [("/usr/bin/brdfatlas", ""), ("mine.py", "KeyboardInterrupt")])
-def test_an_interrupt_of_the_imports_ends_the_command_alone_quietly(program, words):
+JOB = "/study/.snakemake/scripts/tmp1.fit_models.py"
+
+
+@pytest.mark.parametrize(
+    ("program", "words"), [("/usr/bin/brdfatlas", ""), (JOB, ""), ("mine.py", "KeyboardInterrupt")]
+)
+def test_an_interrupt_of_the_imports_ends_the_command_and_jobs_alone_quietly(program, words):
     code = f"import os, sys; sys.argv = [{program!r}]; import brdfatlas; os.kill(os.getpid(), 2)"
     process = in_a_process(code)
     out, err = process.communicate()
     assert (process.returncode, out) == (-signal.SIGINT, "")
     assert bool(err) == bool(words)
     assert words in err
+
+
+def test_an_interrupt_of_a_job_at_work_is_one_line(tmp_path):
+    code = (
+        f"import os, sys; sys.argv = [{JOB!r}]; from brdfatlas.pipeline.logs import logged\n"
+        f"with logged({str(tmp_path / 'log')!r}): os.kill(os.getpid(), 2)"
+    )
+    process = in_a_process(code)
+    assert process.communicate() == ("", f"KeyboardInterrupt (log: {tmp_path / 'log'})\n")
+    assert process.returncode == 1
 
 
 WORKERS = """

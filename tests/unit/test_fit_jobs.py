@@ -15,8 +15,10 @@ from brdfatlas.formats.merl import write_merl
 from brdfatlas.models import Entry, read_entries
 from brdfatlas.models.loading import BUILTIN
 from brdfatlas.pipeline.jobs import fit_job
+from brdfatlas.pipeline.logs import logged
 from brdfatlas.pipeline.standins import make_standin
 from brdfatlas.settings import CONFIG
+from snakemake_logger_plugin_brdfatlas import unfinished_fit
 
 NAMES = ("ggx", "gaussian")
 CODE = {name: f"code of {name}" for name in NAMES}
@@ -126,20 +128,40 @@ def test_a_fit_of_other_settings_is_not_that_of_a_report_beside_it(folder, tmp_p
     assert load_fit(folder / "ggx.npz").options["fresnel"] == "corrected"
 
 
-def test_a_model_that_ends_the_process_well_leaves_no_report_of_an_earlier_fit(folder):
-    """Snakemake would take it for that of the job."""
+def ending_job(folder, status):
+    """Run a job, with its log, of a model that ends the process; returns that process."""
     source = folder / "ending.py"
     source.write_text(
         "import os\nfrom brdfatlas.models.dupuy2015 import ggx\n\n\nclass Ending(ggx.GGX):\n    name = 'ending'\n\n"
-        "    def fit(self, *arguments, **options):\n        os._exit(0)\n"
+        f"    def fit(self, *arguments, **options):\n        print('mine')\n        os._exit({status})\n"
     )
     paths = {"ending": (str(folder / "ending.npz"), str(folder / "ending.json"))}
+    job = [[Entry("ending", "ending", source=str(source)).plain], 0, str(folder / "felt.binary"), False, paths]
+    code = (
+        "from brdfatlas.pipeline.jobs import fit_job\nfrom brdfatlas.pipeline.logs import logged\n"
+        f"with logged('log'): fit_job(*{job}, {{'ending': ''}}, 'made')"
+    )
+    return subprocess.run([sys.executable, "-c", code], cwd=folder)
+
+
+def test_a_model_that_ends_the_process_well_leaves_no_report_of_an_earlier_fit(folder):
+    """Snakemake would take it for that of the job."""
     for kind in ("npz", "json"):
         shutil.copy(folder / f"ggx.{kind}", folder / f"ending.{kind}")
-    job = [[Entry("ending", "ending", source=str(source)).plain], 0, str(folder / "felt.binary"), False, paths]
-    code = f"from brdfatlas.pipeline.jobs import fit_job; fit_job(*{job}, {{'ending': ''}}, 'made')"
-    assert subprocess.run([sys.executable, "-c", code], cwd=folder).returncode == 0
+    assert ending_job(folder, 0).returncode == 0
     assert not (folder / "ending.json").exists()
+
+
+def test_the_log_names_the_model_that_ended_the_process_and_no_other(folder):
+    assert ending_job(folder, 3).returncode == 3
+    assert unfinished_fit(folder / "log") == "fitting ending to felt"
+    with logged(folder / "log"):
+        run(folder, seed=1)
+    assert unfinished_fit(folder / "log") == ""
+    (folder / "felt.binary").unlink()
+    with pytest.raises(SystemExit), logged(folder / "log"):
+        run(folder, seed=2)
+    assert unfinished_fit(folder / "log") == ""
 
 
 def test_a_row_of_given_parameters_follows_its_file(folder):

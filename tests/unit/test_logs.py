@@ -32,6 +32,8 @@ def test_a_folder_in_place_of_a_result_is_named_with_the_remedy(results):
 def test_no_file_is_blamed_for_what_it_has_no_part_in(results):
     (results / "ggx.npz").write_bytes(b"")
     assert "delete it" in fault(ValueError("results/fits/nickel/ggx.npz: no zip file"))
+    told = "results/fits/nickel/ggx.npz: of another; delete it, the next run makes it again"
+    assert fault(ValueError(told)) == f"ValueError: {told}"
     assert "delete" not in fault(OSError(28, "No space left on device", "results/fits/nickel/ggx.npz"))
     assert "delete" not in fault(ValueError("results/fits/nickel: nothing there"))
     assert "delete" not in fault(ValueError("results/fits/nickel/gone.npz: no such file"))

@@ -86,6 +86,14 @@ def test_ci_hears_the_end_only(monkeypatch, tmp_path, capsys):
     assert "1 failed" in line
 
 
+def test_a_job_whose_process_ended_in_a_fit_is_told_with_its_model(run, tmp_path, capsys):
+    (tmp_path / "log").write_text("results/fits/felt/ggx.npz: ok\nfitting mine to felt\n")
+    run.send("job_error", jobid=1, log=["log", "lost.log"])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "while fitting mine to felt" in line
+    assert "(log)" in line
+
+
 def test_who_only_looks_leaves_no_trace(run, capsys):
     """A dry run tells of jobs that it does not run."""
     run.send("run_info", stats={"fit_model": 1, "total": 1})
@@ -110,6 +118,11 @@ def test_snakemake_finds_it_and_calls_it(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "progress: 1 of 1 jobs, fits 1 of 1" in done.stderr
     assert "1 of 1 jobs" in (tmp_path / "results" / "progress.log").read_text()
+    (tmp_path / "Snakefile").write_text(
+        'rule fit_model:\n    output: "b"\n    log: "fit.log"\n    shell: "echo fitting mine to felt > {log}; exit 3"\n'
+    )
+    done = subprocess.run(command, cwd=tmp_path, env=os.environ | {"CI": "1"}, capture_output=True, text=True)
+    assert "the process ended while fitting mine to felt" in done.stderr
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(0, "0 s"), (89, "89 s"), (420, "7 min"), (11_100, "3 h 05 min")])

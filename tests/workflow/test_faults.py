@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from brdfatlas import load_fit
+
 SMALL = {"materials": ["pink-felt"], "models": ["ggx"], "pdf": False}
 FIT = "results/fits/pink-felt/ggx"
 RENDERS = "results/renders/pink-felt"
@@ -128,8 +130,7 @@ def test_after_a_job_killed_at_what_has_changed_the_next_run_comes_to_it_again(f
 
 def test_what_an_earlier_run_fitted_anew_is_rendered_and_judged_by_the_next(finished):
     """Also where the run between ended after the fits."""
-    path = finished.root / "config" / "models.yaml"
-    path.write_text(path.read_text().replace("ggx: {}", "ggx: {fresnel: egsr2015}"))
+    change_a_model(finished)
     finished.snakemake("--until", "fit_dupuy2015")
     planned = finished.planned()
     assert not any(rule.startswith("fit_") for rule in planned)
@@ -200,15 +201,64 @@ def test_after_a_full_disk_the_next_run_completes(finished, undisturbed, differe
     assert differences(finished, undisturbed) == []
 
 
-def test_after_a_results_folder_that_cannot_be_written_the_next_run_completes(finished, undisturbed, differences):
-    results_folder = finished.root / "results"
-    with mounted(results_folder, "--bind", str(results_folder)):
-        subprocess.run(["mount", "-o", "remount,ro,bind", str(results_folder)], check=True)
+@pytest.mark.parametrize(("folder", "named"), [("results", "results"), (".", ".snakemake")])
+def test_after_a_folder_that_cannot_be_written_the_next_run_completes(
+    finished, undisturbed, differences, folder, named
+):
+    closed = finished.root / folder
+    with mounted(closed, "--bind", str(closed)):
+        subprocess.run(["mount", "-o", "remount,ro,bind", str(closed)], check=True)
         done = finished.snakemake("--forcerun", "measure_errors", *TARGET, check=False)
     assert done.returncode == 1
-    assert "Write-protected output files for rule measure_errors" in done.stdout  # Snakemake's own words
+    assert f"{named}: cannot be written to" in done.stdout
+    assert "Traceback" not in done.stdout
     finished.snakemake("--forcerun", "measure_errors", *TARGET)
     assert differences(finished, undisturbed) == []
+
+
+def change_a_model(project) -> None:
+    path = project.root / "config" / "models.yaml"
+    path.write_text(path.read_text().replace("ggx: {}", "ggx: {fresnel: egsr2015}"))
+
+
+def test_without_snakemakes_records_nothing_old_stands_as_new(finished, undisturbed, differences):
+    """What is still right is kept."""
+    remove(finished, ".snakemake")
+    finished.snakemake(*TARGET)
+    assert f"{FIT}.npz: kept" in (finished.root / "results/logs/fit_dupuy2015/pink-felt.log").read_text()
+    assert differences(finished, undisturbed) == []
+    assert not finished.planned(*TARGET)
+    change_a_model(finished)
+    remove(finished, ".snakemake")
+    finished.snakemake(*TARGET)
+    assert load_fit(finished.root / f"{FIT}.npz").options["fresnel"] == "egsr2015"
+    assert f"{RENDERS.removeprefix('results/')}/ggx/studio_sphere.exr" in differences(finished, undisturbed)
+
+
+def test_results_of_the_future_stop_the_run_with_a_remedy_that_works(finished, undisturbed, differences):
+    """As after a clock that was set back; Snakemake would fail all that is made of them."""
+    for path in results(finished):
+        os.utime(path, (time.time() + 86400,) * 2)
+    change_a_model(finished)
+    done = finished.snakemake(*TARGET, check=False)
+    assert done.returncode == 1
+    assert "of a time to come" in done.stdout
+    remedy = done.stdout.split("`")[1]
+    (finished.root / "reports").mkdir(exist_ok=True)
+    subprocess.run(remedy, shell=True, cwd=finished.root, check=True)
+    finished.snakemake("--forceall", *TARGET)
+    assert load_fit(finished.root / f"{FIT}.npz").options["fresnel"] == "egsr2015"
+    shutil.copy(undisturbed.root / "config" / "models.yaml", finished.root / "config" / "models.yaml")
+    finished.snakemake(*TARGET)
+    assert differences(finished, undisturbed) == []
+
+
+def test_touch_does_not_make_old_results_new(finished):
+    change_a_model(finished)
+    done = finished.snakemake("--touch", *TARGET, check=False)
+    assert done.returncode == 1
+    assert "--touch: " in done.stdout
+    assert "fit_dupuy2015" in finished.planned(*TARGET)
 
 
 BROKEN = '''

@@ -85,6 +85,20 @@ def test_lost_pictures_and_figures_are_drawn_again_and_nothing_else(finished_run
     assert finished_run.planned() == {}
 
 
+def test_what_an_earlier_run_left_behind_hides_no_loss(finished_run, lost):
+    """As it does with --notemp."""
+    name = next(
+        name for name in json.loads((finished_run.root / "results/pictures/chrome.json").read_text())["pictures"]
+    )
+    lost(f"reports/materials/chrome/{name}")
+    left = finished_run.root / "results/redrawn/pictures/chrome.json"
+    left.parent.mkdir(parents=True, exist_ok=True)
+    left.write_text("{}")
+    planned = finished_run.planned()
+    shutil.rmtree(finished_run.root / "results/redrawn")
+    assert planned["redraw_pictures"] == 1
+
+
 LOOKS = [("--dry-run",), ("--lint",), ("--summary",), ("--dag",), ("--unlock",), ("--report", "{tmp}/report.html")]
 
 

@@ -58,6 +58,18 @@ def test_bad_configuration_stops_before_any_work(project):
     assert not (project.root / "results").exists()
 
 
+def test_a_bad_file_of_given_parameters_stops_before_any_work(project):
+    (project.root / "mine.csv").write_text("hello\n")
+    models = project.root / "config" / "models.yaml"
+    models.write_text(models.read_text() + "mine: {model: ngan, parameters: mine.csv}\n")
+    project.configure(models=["ggx", "mine"])
+    done = project.snakemake(check=False)
+    assert done.returncode != 0
+    assert "mine.csv: " in done.stdout
+    assert "brdfatlas/models" not in done.stdout, "the way through our code is not for users"
+    assert not (project.root / "results").exists()
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [("render: {samples: 010}\n", "010 would be read as 8"), ("seed: 3\nseed: 4\n", "'seed' stands twice")],

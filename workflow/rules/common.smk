@@ -2,10 +2,13 @@
 # writes nothing.
 
 import gc
+import functools
 import os
 import shlex
 import sys
 from pathlib import Path
+
+from snakemake.io import IOFile
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.export.uber_texture import HEIGHT, has_row
@@ -15,11 +18,13 @@ from brdfatlas.models.given import why_no_row
 from brdfatlas.pipeline.configuration import (
     check_configfiles,
     check_samples,
+    check_writable,
     choose,
     files_of_scene,
     read_assets,
     read_config,
     read_rgl,
+    time_fault,
 )
 from brdfatlas.pipeline.leftovers import missing_files
 from brdfatlas.pipeline.materials import MEASURED_FOLDER, find_materials
@@ -38,6 +43,8 @@ if Path(sys.executable).exists():  # not quoted yet
     sys.executable = shlex.quote(sys.executable)
 
 try:
+    # Snakemake, which writes there before it plans, ends in a traceback where it cannot.
+    check_writable([".snakemake", *Path(".snakemake").glob("*/")])
     check_configfiles(workflow.configfiles)
     config = read_config(config)
     ALL_ENTRIES = read_entries(config["models_file"])
@@ -53,19 +60,19 @@ try:
     choose([config["animation"]["model"]] if config["animation"]["model"] else [], MODELS, "animation.model", "config")
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     FOUND, LEFT_OUT, CHECKS = find_materials(config, "results/standins", "results/checks.json")
+    # An entry of given parameters stands in the run if any material has them.
+    for name in list(MODELS):
+        if not ALL_ENTRIES[name].parameters:
+            continue
+        reasons = [
+            why_no_row(name, ALL_ENTRIES[name].parameters, material.name, standin=material.standin)
+            for material in FOUND
+        ]
+        if all(reasons):
+            MODELS.remove(name)
+            print(f"left out: {name}: {reasons[0]}", file=sys.stderr)
 except ValueError as error:
     raise WorkflowError(str(error)) from None
-
-# An entry of given parameters stands in the run if any material has them.
-for name in list(MODELS):
-    if not ALL_ENTRIES[name].parameters:
-        continue
-    reasons = [
-        why_no_row(name, ALL_ENTRIES[name].parameters, material.name, standin=material.standin) for material in FOUND
-    ]
-    if all(reasons):
-        MODELS.remove(name)
-        print(f"left out: {name}: {reasons[0]}", file=sys.stderr)
 
 # The rows of the run, for every job that says more of a model than its name.
 ENTRIES = [ALL_ENTRIES[name].plain for name in MODELS]
@@ -132,7 +139,42 @@ def provenance_of_fit(name):
 
 def binary_of(wildcards):
     """The file of a material that jobs read."""
+    check_results()
     return BINARIES[wildcards.material]
+
+
+@functools.cache
+def check_results():
+    """While a run is planned, once: that results are not of the future, where Snakemake fails what is made of them, that
+    they can be written, and that it is known what they were made of. Where Snakemake's records are gone (.snakemake
+    deleted), it takes whatever exists for today's; all jobs run then, and keep fits and renders that are still right.
+    """
+    if not workflow.is_main_process:
+        return
+    if workflow.touch:
+        raise SystemExit(
+            "--touch: results of other settings would stand as today's; leave it out: what is still right is kept"
+        )
+    made = ["results/run.json", *made_by(rules.prepare_scene, scene=SCENES), *expand(MADE, material=MATERIALS)]
+    if workflow.executor_plugin and not workflow.dryrun:  # not for who only looks
+        if ahead := [file for file in made if time_fault(file)]:
+            raise SystemExit(
+                f"results: of a time to come ({ahead[0]}); correct the clock, or "
+                "`find results reports -newermt now -exec touch {} +`, then run with --forceall"
+            )
+        try:
+            check_writable(
+                folder
+                for top in map(Path, ("results", "reports"))
+                for folder in [top, *top.glob("*/"), *top.glob("*/*/")]
+            )
+        except ValueError as error:
+            raise SystemExit(str(error)) from None
+    if any(os.path.exists(file) and not workflow.persistence.metadata(IOFile(file)) for file in made):
+        print(
+            "results: no record in .snakemake of what they were made of; every job looks at them again", file=sys.stderr
+        )
+        workflow.dag.forcerules.update(workflow.dag.rules)
 
 
 def planned(wildcards):
@@ -197,11 +239,13 @@ def redrawn(wildcards):
     that a rule names, for that rule runs, and two jobs would write into one folder."""
     named = set(made_by(rules.draw_figures, material=MATERIALS))
     gone = {name: missing_files(name, folder) for name, folder in LISTINGS.items()}
-    return [
+    lists = [
         name.replace("results/", "results/redrawn/", 1)
         for name, files in gone.items()
         if files and named.isdisjoint(map(str, files))
     ]
+    workflow.dag.forcefiles.update(lists)  # one that an earlier run left there, as with --notemp, would hide the loss
+    return lists
 
 
 def lost(wildcards):

@@ -64,6 +64,14 @@ def time_fault(path: str | os.PathLike) -> str:
     return "its time stamp lies in the future; set it with `touch`, or correct the clock" if ahead else ""
 
 
+def check_writable(folders: Iterable[str | os.PathLike]) -> None:
+    """ConfigError for a folder of the project in which this user cannot write, or make it where it is not there."""
+    for folder in folders:
+        place = Path(folder) if Path(folder).exists() else Path.cwd()
+        if not os.access(place, os.W_OK | os.X_OK):
+            raise ConfigError(f"{place}: cannot be written to; make it writable for this user")
+
+
 def choose(wanted: str | list[str], known: list[str], key: str, source: str) -> list[str]:
     """The names that ``wanted`` selects: all of ``known``, or the list itself, checked and without doubles."""
     if wanted == "all":

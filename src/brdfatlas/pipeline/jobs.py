@@ -50,6 +50,7 @@ def fit_job(
         if report:
             print(f"{fit_path}: kept")
         else:
+            print(f"fitting {row.name} to {measured.name}")  # the run's progress names it where the process ends here
             Path(report_path).unlink(missing_ok=True)  # code of others that ends the process leaves no report
             report = _report_of(row, measured, seed, fit_path)
             write_json(report_path, report | {"fingerprint": right})

@@ -10,6 +10,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from brdfatlas.files import shown, stamps
+from brdfatlas.interrupts import as_exceptions
 
 #: The name of a file that a run made, in an error's text.
 RESULT = re.compile(r"\b(results|reports)/[A-Za-z0-9._/-]*[A-Za-z0-9]")
@@ -24,6 +25,7 @@ def logged(path: str | Path, planned: Mapping[str, str] | None = None) -> Iterat
     (:func:`brdfatlas.files.stamps`) when the run was planned. A file that is another before or after the block is
     a fault: what is made of it would stand beside what other jobs made of the old one.
     """
+    as_exceptions()
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     terminal = sys.stderr
@@ -57,10 +59,11 @@ def _check_unchanged(planned: Mapping[str, str]) -> None:
 
 def fault(error: BaseException) -> str:
     """An error in one line; with the remedy where it names a file that a run made."""
-    words = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    words = f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
     named = RESULT.search(words)
     if (
         named
+        and "delete it" not in words
         and Path(named[0]).exists()
         and (isinstance(error, IsADirectoryError) or not getattr(error, "errno", None))
     ):
