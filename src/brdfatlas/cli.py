@@ -7,6 +7,7 @@ import errno
 import json
 import math
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -46,8 +47,8 @@ EXPORTS = {
     "gltf": "glTF",
     "merl": "MERL table",
 }
-#: Exit statuses of a shell for a command that SIGINT or SIGPIPE ended.
-INTERRUPTED, BROKEN_PIPE = 130, 141
+#: Exit status of a shell for a command that SIGPIPE ended; for another signal it is 128 and its number, too.
+BROKEN_PIPE = 141
 
 
 def say(*lines: object) -> None:
@@ -643,7 +644,7 @@ def run(args: argparse.Namespace) -> None:
         if args.json:
             emit(json.dumps(plain(result), indent=1, ensure_ascii=False) + "\n")
     else:
-        with tempfile.TemporaryDirectory() as folder:
+        with interrupts.unwound(), tempfile.TemporaryDirectory() as folder:
             args.named = args.output = os.path.join(folder, "out" + ENDINGS[args.writes][0])
             args.json = True
             with contextlib.redirect_stdout(sys.stderr):
@@ -679,7 +680,7 @@ def _open_streams() -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; exit status 0, or 1 after one line that says what is wrong."""
+    """Entry point; exit status 0, or 1 after one line that says what is wrong; 128 + n where signal n ended it."""
     _open_streams()
     with contextlib.suppress(AttributeError):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files that are no text in this locale
@@ -689,17 +690,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         run(args)
     except BrokenPipeError:  # `| head` has read enough
         return BROKEN_PIPE
-    except KeyboardInterrupt:
-        print("brdfatlas: interrupted, nothing was written", file=sys.stderr)
-        return INTERRUPTED
-    except USER_FAULTS as error:
-        print(f"brdfatlas {args.command}: {reason(error)}", file=sys.stderr)
+    except BaseException as error:
+        number = interrupts.received or (signal.SIGINT if isinstance(error, KeyboardInterrupt) else 0)
+        if number:
+            with contextlib.suppress(OSError):  # of a terminal that was closed
+                print("brdfatlas: interrupted, nothing was written", file=sys.stderr)
+            return 128 + number
+        if isinstance(error, Exception | SystemExit) and not isinstance(error, USER_FAULTS):
+            raise
+        kind = "" if isinstance(error, USER_FAULTS) else f"{type(error).__name__}: "  # a model's own
+        print(f"brdfatlas {args.command}: {kind}{reason(error)}", file=sys.stderr)
         return 1
-    except (Exception, SystemExit):
-        raise
-    except BaseException as error:  # a model's own
-        print(f"brdfatlas {args.command}: {type(error).__name__}: {reason(error)}", file=sys.stderr)
-        return 1
+    finally:
+        interrupts.at_once()
     return 0
 
 

@@ -16,6 +16,8 @@ from typing import Any, AnyStr, BinaryIO
 
 import numpy as np
 
+from brdfatlas import interrupts
+
 #: Most bytes that an npz file may expand to, and that a JSON file may have: beyond any file of ours.
 MOST_BYTES = 2**31
 #: Kind of an output -> endings that it may have; an ending that nobody knows goes with every kind.
@@ -231,25 +233,28 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
     """
     path = _target(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        handle, name = tempfile.mkstemp(prefix=f"{UNFINISHED}{path.name[:40]}.", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, os.fspath(path)) from None
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        os.replace(temporary, path)
-    except (OSError, RuntimeError) as error:
-        fault = _disk_fault(error)
-        if fault:
-            raise OSError(*fault, os.fspath(path)) from None
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
+    with interrupts.unwound():
+        try:
+            handle, name = tempfile.mkstemp(
+                prefix=f"{UNFINISHED}{path.name[:40]}.", suffix=path.suffix, dir=path.parent
+            )
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, os.fspath(path)) from None
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            umask = os.umask(0)
+            os.umask(umask)
+            temporary.chmod(0o666 & ~umask)
+            os.replace(temporary, path)
+        except (OSError, RuntimeError) as error:
+            fault = _disk_fault(error)
+            if fault:
+                raise OSError(*fault, os.fspath(path)) from None
+            raise
+        finally:
+            temporary.unlink(missing_ok=True)
 
 
 def write_text(path: str | os.PathLike, text: str) -> None:

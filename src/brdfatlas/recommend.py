@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from brdfatlas import interrupts
 from brdfatlas.constants import REFERENCE
 from brdfatlas.files import (
     ENDINGS,
@@ -107,7 +108,7 @@ class Recommendation:
         folder = Path(folder)
         folder.parent.mkdir(parents=True, exist_ok=True)
         # A full disk or an interrupt leaves the folder as it was, not with half of the files.
-        with tempfile.TemporaryDirectory(prefix=".recommend.", dir=folder.parent) as staged:
+        with interrupts.unwound(), tempfile.TemporaryDirectory(prefix=".recommend.", dir=folder.parent) as staged:
             files = self._write(Path(staged))
             folder.mkdir(exist_ok=True)
             earlier = _unchanged(folder)
@@ -332,7 +333,7 @@ def _fit_all(
         return
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    with tempfile.TemporaryDirectory(prefix="brdfatlas.") as folder:
+    with interrupts.unwound(), tempfile.TemporaryDirectory(prefix="brdfatlas.") as folder:
         # Not an argument of the workers: one that ends before it has read so much keeps its starter waiting for ever.
         path = Path(folder) / "measured"
         try:

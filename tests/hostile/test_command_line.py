@@ -592,3 +592,42 @@ def test_a_script_without_a_guard_is_told_and_does_not_hang(inputs, tmp_path, fr
     assert done.returncode == 1
     assert 'outside `if __name__ == "__main__":`; ask for processes=1' in done.stderr.splitlines()[-1]
     assert not list(tmp_path.glob("brdfatlas.*"))
+
+
+ENDED = """
+import os, signal, sys, time
+sys.argv = ["brdfatlas"]
+import brdfatlas.cli as cli
+from brdfatlas import files, interrupts
+def end():
+    os.kill(os.getpid(), {number})
+    time.sleep(0.01)
+def fit(*_, **__):
+    {body}
+cli.fit = fit
+sys.exit(cli.main(["fit", "ggx", {measured!r}, "-o", {output!r}]))
+"""
+WRITES = "with files.atomic_path({output!r}) as path:\n        path.write_text('half'); end()"
+COMPILED = "try: end()\n    except KeyboardInterrupt: raise SystemError('a result with an exception set')"
+IMPORTS = "with interrupts.held():\n        end(); print('whole', file=sys.stderr)"
+SIGNALS = [(number, WRITES) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+
+
+@pytest.mark.parametrize(("number", "body"), [*SIGNALS, (signal.SIGINT, COMPILED), (signal.SIGINT, IMPORTS)])
+def test_a_signal_leaves_no_unfinished_file_and_no_traceback(inputs, tmp_path, number, body):
+    output = str(tmp_path / "a.npz")
+    told = {"measured": str(inputs / "measured.binary"), "output": output, "number": int(number)}
+    process = in_a_process(ENDED.format(body=body.format(output=output), **told))
+    out, err = process.communicate()
+    assert (process.returncode, out) == (128 + number, "")
+    assert err == ("whole\n" if body is IMPORTS else "") + "brdfatlas: interrupted, nothing was written\n"
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_where_nothing_is_to_be_tidied_up_a_signal_ends_the_command_at_once(inputs, tmp_path, number):
+    """Compiled code may run for minutes before Python looks at signals."""
+    told = {"measured": str(inputs / "measured.binary"), "output": str(tmp_path / "a.npz"), "number": int(number)}
+    process = in_a_process(ENDED.format(body="end()", **told))
+    assert process.communicate() == ("", "")
+    assert process.returncode == -number

@@ -6,9 +6,12 @@ Nothing here imports Mitsuba until it is needed, so that a usable libLLVM can be
 import threading
 from types import ModuleType
 
+from brdfatlas import interrupts
+
 __all__ = ["register", "use_variant"]
 
 
+@interrupts.held()
 def use_variant(variant: str = "llvm_ad_rgb", threads: int | None = None) -> ModuleType:
     """Choose a usable libLLVM, set Mitsuba's variant, register the plugin; returns the module ``mitsuba``.
 
