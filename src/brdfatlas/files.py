@@ -20,6 +20,8 @@ from brdfatlas import interrupts
 
 #: Most bytes that an npz file may expand to, and that a JSON file may have: beyond any file of ours.
 MOST_BYTES = 2**31
+#: Most bytes of a part of a path, and of a path.
+LONGEST, LONGEST_PATH = 255, 4095
 #: Kind of an output -> endings that it may have; an ending that nobody knows goes with every kind.
 ENDINGS = {
     "fit": (".npz",),
@@ -79,6 +81,16 @@ def check_path(path: object) -> None:
         raise TypeError(f"{shown(repr(path))[:80]} is no path; give a str or a pathlib.Path")
 
 
+def check_name(path: str | os.PathLike) -> None:
+    """FileFault for a name that no file system holds, TypeError for what is no path."""
+    check_path(path)
+    if any(len(os.fsencode(part)) > LONGEST for part in Path(path).parts) or len(os.fsencode(path)) > LONGEST_PATH:
+        raise FileFault(
+            f"{shown(path)[:40]}...: longer than a name ({LONGEST} bytes) or a path ({LONGEST_PATH:,}) may be; "
+            "choose a shorter one"
+        )
+
+
 def check_regular(path: str | os.PathLike) -> Path:
     """``path`` if it is a regular file or a link to one: a FIFO would wait for ever, a device never end.
 
@@ -118,7 +130,7 @@ def file_digest(path: str | os.PathLike) -> str:
 
 def _target(path: str | os.PathLike) -> Path:
     """Where writing to ``path`` goes: through links, and only to a regular file or a new one. FileFault if neither."""
-    check_path(path)
+    check_name(path)
     target = Path(os.path.realpath(path))
     if target.is_symlink():
         raise FileFault(f"{shown(path)}: a link to itself; name another output")
