@@ -7,6 +7,7 @@ import errno
 import json
 import math
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -46,8 +47,8 @@ EXPORTS = {
     "gltf": "glTF",
     "merl": "MERL table",
 }
-#: Exit statuses of a shell for a command that SIGINT or SIGPIPE ended.
-INTERRUPTED, BROKEN_PIPE = 130, 141
+#: Exit status of a shell for a command that SIGPIPE ended; for another signal it is 128 and its number, too.
+BROKEN_PIPE = 141
 
 
 def say(*lines: object) -> None:
@@ -233,6 +234,8 @@ def standin_command(args: argparse.Namespace) -> dict[str, Any]:
     from brdfatlas.pipeline.standins import standin_names, write_standin
 
     if args.list:
+        if args.material or args.output:
+            raise ValueError("--list writes no file; leave it out, or MATERIAL and -o")
         if not args.json:
             say(*standin_names())
         return {"standins": standin_names()}
@@ -450,7 +453,8 @@ def load_image(path: str) -> "Render":
 
 def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
     """Errors of an image against a reference: renders of ours by their batches and mask, other EXRs as they are."""
-    from brdfatlas.measures.errors import Tone, image_errors
+    from brdfatlas.measures.errors import Tone, image_errors, to_8_bit
+    from brdfatlas.rendering.images import tone_map
 
     with contextlib.redirect_stdout(sys.stderr):  # OpenEXR prints of a damaged file
         reference, image = load_image(args.reference), load_image(args.image)
@@ -469,6 +473,12 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
         errors = image_errors(reference, image, tone, common_numbers=shared)
     except ValueError as error:
         raise ValueError(f"{args.reference}, {args.image}: {error}") from None
+    shown_values = {int(v) for r in (reference, image) for v in np.unique(to_8_bit(tone_map(r.mean[r.mask], *tone)))}
+    if shown_values in ({0}, {255}):
+        fault = f"{'white' if 255 in shown_values else 'black'} all over with exposure {tone.exposure:g}"
+        raise ValueError(
+            f"{args.reference}, {args.image}: {fault} and gamma {tone.gamma:g}; choose others, --exposure or --gamma"
+        )
     # JSON has no infinity: what an infinite standard error says is said in a word.
     bound = bool(np.isfinite(errors["psnr_db"]) and np.isinf(errors["psnr_se_db"]))
     if not args.json:
@@ -478,10 +488,26 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line, and whose options stand once."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.register("action", None, Once)
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {shown(message)}; see {self.prog} --help\n")
+
+
+class Once(argparse._StoreAction):
+    """An option that stands once: of two values one would be lost silently."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        if option_string:
+            given = namespace.__dict__.setdefault("_given", set())
+            if self.dest in given:
+                raise argparse.ArgumentError(self, "stands twice; leave one out")
+            given.add(self.dest)
+        super().__call__(parser, namespace, values, option_string)
 
 
 class Defaults(argparse.ArgumentDefaultsHelpFormatter):
@@ -506,24 +532,19 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return parse
 
 
-def number(low: float, high: float = math.inf) -> Callable[[str], float]:
-    """A type of argument: a finite number of ``low`` to ``high``."""
+def number(low: float, high: float) -> Callable[[str], float]:
+    """A type of argument: a number of ``low`` to ``high``."""
 
     def parse(text: str) -> float:
         try:
             value = float(digits(text))
         except ValueError:
             value = math.nan
-        if not (low <= value <= high and value < math.inf):
-            ends = f"of {low:g} to {high:g}" if high < math.inf else "above 0"
-            raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a number {ends}")
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a number of {low:g} to {high:g}")
         return value
 
     return parse
-
-
-#: A number above 0.
-positive = number(math.ulp(0.0))
 
 
 def add_command(
@@ -597,8 +618,8 @@ def parser() -> argparse.ArgumentParser:
     sub = command("image-errors", image_errors_command, ["reference", "image"])
     sub.add_argument("reference", metavar="REFERENCE.exr", help="picture that is right")
     sub.add_argument("image", metavar="IMAGE.exr", help="picture to judge")
-    sub.add_argument("--exposure", type=positive, help="of the tone map; else the reference's own, else 1")
-    sub.add_argument("--gamma", type=positive, help="of the tone map; else the reference's own, else 2.2")
+    sub.add_argument("--exposure", type=number(1e-6, 1e6), help="of the tone map; else the reference's own, else 1")
+    sub.add_argument("--gamma", type=number(0.1, 10.0), help="of the tone map; else the reference's own, else 2.2")
     return top
 
 
@@ -643,7 +664,7 @@ def run(args: argparse.Namespace) -> None:
         if args.json:
             emit(json.dumps(plain(result), indent=1, ensure_ascii=False) + "\n")
     else:
-        with tempfile.TemporaryDirectory() as folder:
+        with interrupts.unwound(), tempfile.TemporaryDirectory() as folder:
             args.named = args.output = os.path.join(folder, "out" + ENDINGS[args.writes][0])
             args.json = True
             with contextlib.redirect_stdout(sys.stderr):
@@ -679,7 +700,7 @@ def _open_streams() -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; exit status 0, or 1 after one line that says what is wrong."""
+    """Entry point; exit status 0, or 1 after one line that says what is wrong; 128 + n where signal n ended it."""
     _open_streams()
     with contextlib.suppress(AttributeError):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files that are no text in this locale
@@ -689,17 +710,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         run(args)
     except BrokenPipeError:  # `| head` has read enough
         return BROKEN_PIPE
-    except KeyboardInterrupt:
-        print("brdfatlas: interrupted, nothing was written", file=sys.stderr)
-        return INTERRUPTED
-    except USER_FAULTS as error:
-        print(f"brdfatlas {args.command}: {reason(error)}", file=sys.stderr)
+    except BaseException as error:
+        number = interrupts.received or (signal.SIGINT if isinstance(error, KeyboardInterrupt) else 0)
+        if number:
+            with contextlib.suppress(OSError):  # of a terminal that was closed
+                print("brdfatlas: interrupted, nothing was written", file=sys.stderr)
+            return 128 + number
+        if isinstance(error, Exception | SystemExit) and not isinstance(error, USER_FAULTS):
+            raise
+        kind = "" if isinstance(error, USER_FAULTS) else f"{type(error).__name__}: "  # a model's own
+        print(f"brdfatlas {args.command}: {kind}{reason(error)}", file=sys.stderr)
         return 1
-    except (Exception, SystemExit):
-        raise
-    except BaseException as error:  # a model's own
-        print(f"brdfatlas {args.command}: {type(error).__name__}: {reason(error)}", file=sys.stderr)
-        return 1
+    finally:
+        interrupts.at_once()
     return 0
 
 

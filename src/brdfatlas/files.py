@@ -16,8 +16,12 @@ from typing import Any, AnyStr, BinaryIO
 
 import numpy as np
 
+from brdfatlas import interrupts
+
 #: Most bytes that an npz file may expand to, and that a JSON file may have: beyond any file of ours.
 MOST_BYTES = 2**31
+#: Most bytes of a part of a path, and of a path.
+LONGEST, LONGEST_PATH = 255, 4095
 #: Kind of an output -> endings that it may have; an ending that nobody knows goes with every kind.
 ENDINGS = {
     "fit": (".npz",),
@@ -77,6 +81,16 @@ def check_path(path: object) -> None:
         raise TypeError(f"{shown(repr(path))[:80]} is no path; give a str or a pathlib.Path")
 
 
+def check_name(path: str | os.PathLike) -> None:
+    """FileFault for a name that no file system holds, TypeError for what is no path."""
+    check_path(path)
+    if any(len(os.fsencode(part)) > LONGEST for part in Path(path).parts) or len(os.fsencode(path)) > LONGEST_PATH:
+        raise FileFault(
+            f"{shown(path)[:40]}...: longer than a name ({LONGEST} bytes) or a path ({LONGEST_PATH:,}) may be; "
+            "choose a shorter one"
+        )
+
+
 def check_regular(path: str | os.PathLike) -> Path:
     """``path`` if it is a regular file or a link to one: a FIFO would wait for ever, a device never end.
 
@@ -121,7 +135,7 @@ def fingerprint(*told: Any) -> str:
 
 def _target(path: str | os.PathLike) -> Path:
     """Where writing to ``path`` goes: through links, and only to a regular file or a new one. FileFault if neither."""
-    check_path(path)
+    check_name(path)
     target = Path(os.path.realpath(path))
     if target.is_symlink():
         raise FileFault(f"{shown(path)}: a link to itself; name another output")
@@ -236,25 +250,28 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
     """
     path = _target(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        handle, name = tempfile.mkstemp(prefix=f"{UNFINISHED}{path.name[:40]}.", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, os.fspath(path)) from None
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        os.replace(temporary, path)
-    except (OSError, RuntimeError) as error:
-        fault = _disk_fault(error)
-        if fault:
-            raise OSError(*fault, os.fspath(path)) from None
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
+    with interrupts.unwound():
+        try:
+            handle, name = tempfile.mkstemp(
+                prefix=f"{UNFINISHED}{path.name[:40]}.", suffix=path.suffix, dir=path.parent
+            )
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, os.fspath(path)) from None
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            umask = os.umask(0)
+            os.umask(umask)
+            temporary.chmod(0o666 & ~umask)
+            os.replace(temporary, path)
+        except (OSError, RuntimeError) as error:
+            fault = _disk_fault(error)
+            if fault:
+                raise OSError(*fault, os.fspath(path)) from None
+            raise
+        finally:
+            temporary.unlink(missing_ok=True)
 
 
 def write_text(path: str | os.PathLike, text: str) -> None:

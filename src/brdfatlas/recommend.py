@@ -27,13 +27,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from brdfatlas import interrupts
 from brdfatlas.constants import REFERENCE
 from brdfatlas.files import (
     ENDINGS,
     FileFault,
     atomic_path,
+    check_name,
     check_new_folders,
-    check_path,
     digests,
     ours,
     read_record,
@@ -107,7 +108,7 @@ class Recommendation:
         folder = Path(folder)
         folder.parent.mkdir(parents=True, exist_ok=True)
         # A full disk or an interrupt leaves the folder as it was, not with half of the files.
-        with tempfile.TemporaryDirectory(prefix=".recommend.", dir=folder.parent) as staged:
+        with interrupts.unwound(), tempfile.TemporaryDirectory(prefix=".recommend.", dir=folder.parent) as staged:
             files = self._write(Path(staged))
             folder.mkdir(exist_ok=True)
             earlier = _unchanged(folder)
@@ -179,7 +180,7 @@ def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]
     replace that are not of an earlier recommendation. FileFault, one line; TypeError for what is no path."""
     from brdfatlas.export import targets
 
-    check_path(folder)
+    check_name(folder)
     where = Path(folder).absolute()
     parent = next(path for path in (where, *where.parents) if os.path.lexists(path))
     if not os.fspath(folder) or not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
@@ -332,7 +333,7 @@ def _fit_all(
         return
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    with tempfile.TemporaryDirectory(prefix="brdfatlas.") as folder:
+    with interrupts.unwound(), tempfile.TemporaryDirectory(prefix="brdfatlas.") as folder:
         # Not an argument of the workers: one that ends before it has read so much keeps its starter waiting for ever.
         path = Path(folder) / "measured"
         try:

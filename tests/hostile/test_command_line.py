@@ -36,7 +36,11 @@ BAD_NUMBERS += [(RENDER, "--spp", text) for text in ("0", "-1", "7", "1000000000
 BAD_NUMBERS += [
     (CONVERT, "--step", text) for text in ("1e-300", "1e-3", "0.99", "1000", "45.1", "nan", "inf", "-5", "1_0")
 ]
-BAD_NUMBERS += [(ERRORS, key, text) for key in ("--gamma", "--exposure") for text in ("0", "-1", "nan", "inf", "x")]
+BAD_NUMBERS += [
+    (ERRORS, key, text)
+    for key in ("--gamma", "--exposure")
+    for text in ("0", "-1", "nan", "inf", "x", "1e300", "1e-300")
+]
 
 
 @pytest.mark.parametrize(("command", "key", "text"), BAD_NUMBERS)
@@ -55,6 +59,8 @@ BAD_LINES = {
     "an escape in an option": ["info", "a.binary", "--\x1b[31m"],
     "two sets of directions": [*CONVERT, "--like", "a.csv", "--step", "5"],
     "two targets": ["export", "a.npz", "-o", "a.json", "--to", "merl", "--sampler"],
+    "two outputs": [*FIT, "--output", "b.npz"],
+    "two sizes": [*RENDER, "--size", "8", "--size", "16"],
     "another integrator": ["render", "a.binary", "-o", "a.exr", "--integrator", "volume"],
 }
 
@@ -190,6 +196,14 @@ def test_an_output_that_cannot_be(refused, linked, output):
     refused(line)
 
 
+@pytest.mark.parametrize("line", [[*FIT[:-1], "new/" + "é" * 128], ["recommend", "measured.binary", "-o", "a" * 256]])
+def test_a_name_that_no_file_system_holds_is_told_before_any_work(refused, linked, monkeypatch, line):
+    linked("measured.binary")
+    monkeypatch.setattr("brdfatlas.cli.fit", None)
+    monkeypatch.setattr(sys.modules["brdfatlas.recommend"], "recommend", None)
+    refused(line, "choose a shorter one")
+
+
 @pytest.mark.parametrize("variant", ["cuda_ad_rgb", "llvm_ad_rgbx", "", "scalar"])
 def test_a_variant_that_this_machine_has_not(refused, linked, variant):
     from brdfatlas.rendering import use_variant
@@ -247,6 +261,10 @@ def test_info_says_what_an_export_is(capsys, refused, inputs, model):
         refused(["info", f"out.{target}"], f"out.{target}: {kinds[target]} that brdfatlas wrote, no measurement")
 
 
+def test_a_list_of_standins_writes_nothing_and_says_so(refused):
+    refused(["standin", "--list", "chrome", "-o", "chrome.binary"], "--list writes no file")
+
+
 @pytest.mark.parametrize(("key", "value", "words"), [("scene", "b", "shows b"), ("status", "failed", "failed")])
 def test_image_errors_compare_what_can_be_compared(refused, inputs, linked, key, value, words):
     from brdfatlas.rendering.images import load_render, save_render
@@ -267,6 +285,16 @@ def test_image_errors_of_another_size_or_of_nothing(refused, linked):
     refused(["image-errors", "picture.exr", "small.exr"], "small.exr", "sizes")
     refused(["image-errors", "black.exr", "picture.exr"], "black.exr", "black")
     refused(["image-errors", "picture.exr", "nan.exr"], "nan.exr", "NaN")
+
+
+@pytest.mark.parametrize(("exposure", "words"), [("1e6", "white all over"), ("1e-6", "black all over")])
+def test_pictures_that_show_nothing_are_not_called_alike(refused, linked, exposure, words):
+    from brdfatlas.rendering.images import Render, save_render
+
+    for name, value in (("one", 0.2), ("two", 0.4)):
+        mean = np.full((16, 16, 3), value, np.float32)
+        save_render(f"{name}.exr", Render(mean, mean[None], np.ones((16, 16), bool)))
+    refused(["image-errors", "one.exr", "two.exr", "--exposure", exposure], words, "choose others")
 
 
 NO_NAMES = ("_rgb.binary", "a\nb.binary", "f\udcff.binary", "\x1b[31m.binary")
@@ -607,3 +635,42 @@ def test_a_script_without_a_guard_is_told_and_does_not_hang(inputs, tmp_path, fr
     assert done.returncode == 1
     assert 'outside `if __name__ == "__main__":`; ask for processes=1' in done.stderr.splitlines()[-1]
     assert not list(tmp_path.glob("brdfatlas.*"))
+
+
+ENDED = """
+import os, signal, sys, time
+sys.argv = ["brdfatlas"]
+import brdfatlas.cli as cli
+from brdfatlas import files, interrupts
+def end():
+    os.kill(os.getpid(), {number})
+    time.sleep(0.01)
+def fit(*_, **__):
+    {body}
+cli.fit = fit
+sys.exit(cli.main(["fit", "ggx", {measured!r}, "-o", {output!r}]))
+"""
+WRITES = "with files.atomic_path({output!r}) as path:\n        path.write_text('half'); end()"
+COMPILED = "try: end()\n    except KeyboardInterrupt: raise SystemError('a result with an exception set')"
+IMPORTS = "with interrupts.held():\n        end(); print('whole', file=sys.stderr)"
+SIGNALS = [(number, WRITES) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+
+
+@pytest.mark.parametrize(("number", "body"), [*SIGNALS, (signal.SIGINT, COMPILED), (signal.SIGINT, IMPORTS)])
+def test_a_signal_leaves_no_unfinished_file_and_no_traceback(inputs, tmp_path, number, body):
+    output = str(tmp_path / "a.npz")
+    told = {"measured": str(inputs / "measured.binary"), "output": output, "number": int(number)}
+    process = in_a_process(ENDED.format(body=body.format(output=output), **told))
+    out, err = process.communicate()
+    assert (process.returncode, out) == (128 + number, "")
+    assert err == ("whole\n" if body is IMPORTS else "") + "brdfatlas: interrupted, nothing was written\n"
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_where_nothing_is_to_be_tidied_up_a_signal_ends_the_command_at_once(inputs, tmp_path, number):
+    """Compiled code may run for minutes before Python looks at signals."""
+    told = {"measured": str(inputs / "measured.binary"), "output": str(tmp_path / "a.npz"), "number": int(number)}
+    process = in_a_process(ENDED.format(body="end()", **told))
+    assert process.communicate() == ("", "")
+    assert process.returncode == -number

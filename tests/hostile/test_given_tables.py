@@ -91,6 +91,19 @@ def test_columns_and_characters_that_are_not_needed_do_no_harm(tmp_path):
     assert quantity_read(tmp_path, text) == quantity_read(tmp_path, table())
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("quote", ["", '"'])
+def test_a_table_that_a_spreadsheet_has_saved_is_still_read(tmp_path, separator, quote):
+    """It fills the lines of comments and the empty ones with empty cells, and may quote text."""
+    comments, rows = ("# values: f cos", "# note: one, two"), table(head="").splitlines()
+    empty = separator * 6
+    head = ",".join(f"{quote}{name}{quote}" for name in rows[0].split(","))
+    lines = [*(f"{quote}{text}{quote}{empty}" for text in comments), empty, head, *rows[1:], empty, empty]
+    text = "\ufeff" + "\r\n".join(lines[:3] + [line.replace(",", separator) for line in lines[3:]]) + "\r\n"
+    assert quantity_read(tmp_path, text) == "f cos"
+    assert tables.recognises(text.encode())
+
+
 @pytest.mark.parametrize(
     "words",
     [

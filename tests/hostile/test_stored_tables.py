@@ -167,6 +167,20 @@ def test_no_table_is_written_that_is_not_read(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_merl_file_holds_real_numbers_and_no_masked_ones(tmp_path):
+    table = np.full((*GRID_SHAPE, 3), 0.2, np.float32)
+    hidden = np.zeros(table.shape, bool)
+    hidden[0, :, 1] = True
+    brdfatlas.write_merl(tmp_path / "a.binary", np.ma.array(np.where(hidden, 7, table), mask=hidden))
+    read = brdfatlas.read(tmp_path / "a.binary")
+    assert not read.valid[0, :, 1].any()
+    assert np.nanmax(read.table) < 1
+    for other in (table.astype(complex), table.astype(str), table.astype(object), table > 0):
+        with pytest.raises(ValueError, match=r"b\.binary: a MERL table holds real numbers, not "):
+            brdfatlas.write_merl(tmp_path / "b.binary", other)
+    assert not (tmp_path / "b.binary").exists()
+
+
 @pytest.mark.parametrize("call", [brdfatlas.fit, lambda model, *rest, **named: brdfatlas.recommend(*rest, **named)])
 def test_seeds_that_are_none_are_refused_before_any_fit(call):
     for seed in (-1, 1.5, "1"):

@@ -219,14 +219,18 @@ def _resampled(table: np.ndarray) -> np.ndarray:
 def write_merl(
     path: str | os.PathLike, table: np.ndarray, *, standin: bool = False, reconstructed: bool = False
 ) -> None:
-    """Write a (90, 90, 180, 3) table in 1/sr as a MERL file; NaN cells become the format's -1. Whole or not at all.
+    """Write a (90, 90, 180, 3) table in 1/sr as a MERL file; NaN cells, and masked ones, become the format's -1. Whole
+    or not at all.
 
     ``standin`` marks the file as a stand-in, or made from one; ``reconstructed`` as no measurement, a fit for example.
-    Raises ValueError for a table of another shape, and for Inf, which :func:`read` refuses.
+    Raises ValueError for a table of another shape or type, and for Inf, which :func:`read` refuses.
     """
-    table = np.asarray(table)
+    table = table if np.ma.isMaskedArray(table) else np.asarray(table)
     if table.shape != (*GRID_SHAPE, 3):
         raise ValueError(f"{path}: a MERL table has shape {(*GRID_SHAPE, 3)}, not {table.shape}")
+    if table.dtype.kind not in "fiu":
+        raise ValueError(f"{path}: a MERL table holds real numbers, not {table.dtype}")
+    table = np.ma.filled(table.astype(np.float64, copy=False), np.nan)
     if np.isinf(table).any():
         raise ValueError(f"{path}: the table holds Inf; NaN is for cells without a value")
     stored = np.where(np.isnan(table), -1.0, table / SCALE)

@@ -67,11 +67,17 @@ def recognises(head: bytes) -> bool:
     """Text whose first line that is no comment names the directions' columns."""
     if b"\0" in head:
         return False
-    for line in head.decode("utf-8-sig", "replace").splitlines():
-        if line.strip() and not line.lstrip().startswith("#"):
+    for line in map(_bare, head.decode("utf-8-sig", "replace").splitlines()):
+        if line and not line.startswith("#"):
             names = {ALIASES.get(_letters(name)) for name in re.split(r"[,;\t ]+", line)}
             return len(names & {*ANGLES, *VECTORS}) >= 2
     return False
+
+
+def _bare(line: str) -> str:
+    """A line without what spreadsheets put around a comment, quotes and empty cells; a row of empty cells is empty."""
+    bare = line.strip().strip(" \t,;")
+    return bare.strip('"').replace('""', '"') if bare.startswith(("#", '"#')) else bare
 
 
 def _letters(name: str) -> str:
@@ -99,7 +105,7 @@ def quantity_of(text: str) -> str | None:
 def _header(path: Path, lines: list[str]) -> _Header:
     header = _Header()
     for number, line in enumerate(lines, 1):
-        text = line.strip()
+        text = _bare(line)
         if not text:
             continue
         if text.startswith("#"):
@@ -200,7 +206,8 @@ def _rows(path: Path, lines: list[str], header: _Header, columns: list[int]) -> 
     """``columns`` of every row as numbers (n, columns), and its line (n)."""
     words, places = [], []
     for number, line in enumerate(lines[header.line :], header.line + 1):
-        if line.strip() and not line.lstrip().startswith("#"):
+        bare = _bare(line)
+        if bare and not bare.startswith("#"):
             cells = line.split(header.separator)
             if len(cells) != len(header.columns):
                 raise MeasuredError(

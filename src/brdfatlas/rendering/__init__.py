@@ -6,6 +6,8 @@ Nothing here imports Mitsuba until it is needed, so that a usable libLLVM can be
 import threading
 from types import ModuleType
 
+from brdfatlas import interrupts
+
 __all__ = ["register", "use_variant"]
 
 
@@ -16,6 +18,11 @@ def use_variant(variant: str = "llvm_ad_rgb", threads: int | None = None) -> Mod
     usable libLLVM, ValueError for a variant that Mitsuba or the plugin does not have.
     """
     _check(variant)
+    with RENDERING, interrupts.held():  # two threads that import Mitsuba see parts of it
+        return _use_variant(variant, threads)
+
+
+def _use_variant(variant: str, threads: int | None) -> ModuleType:
     if variant.startswith("llvm"):
         from brdfatlas.rendering.llvm import use_libllvm
 
