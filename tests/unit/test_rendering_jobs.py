@@ -2,6 +2,8 @@
 
 import os
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -185,3 +187,20 @@ def test_the_papers_scenes_are_valid():
         variant()
         with pytest.raises(SceneError, match=r"grace_sphere\.environment\.file: .*grace_probe\.hdr: no such file"):
             jobs.prepare_scene("grace_sphere", scenes["grace_sphere"], 8, source=str(path))
+
+
+THREADS = """
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from brdfatlas.rendering.jobs import render_file
+
+with ThreadPoolExecutor(4) as pool:
+    pictures = list(pool.map(lambda _: render_file(sys.argv[1], "studio_sphere", samples=8, size=16).mean, range(8)))
+assert all((picture == pictures[0]).all() for picture in pictures)
+"""
+
+
+def test_threads_of_a_process_that_has_no_mitsuba_yet_render_alike(tmp_path):
+    write_merl(tmp_path / "m.binary", material(0.3).table)
+    done = subprocess.run([sys.executable, "-c", THREADS, tmp_path / "m.binary"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.files import read_npz, write_npz
+from brdfatlas.rendering import RENDERING
 from brdfatlas.rendering.environments import ProbeError, environment_image, turned
 from brdfatlas.settings import SCHEMAS, check, check_name, complete, located, read_yaml
 
@@ -298,9 +299,11 @@ def prepare_scene(
     black, empty = np.zeros((size, size, 3), np.float32), np.zeros((size, size), np.float32)
     points = sobol_points(N_POINTS)
     bare = PreparedScene(name, scene, size, environment, meshes, black, empty, points, notes)
-    loaded = mi.load_dict(mitsuba_scene(bare, BLACK))
-    background = np.array(mi.render(loaded, spp=samples, seed=0), np.float32)
-    coverage, back = _coverage(loaded, scene, size)
+    with RENDERING:
+        loaded = mi.load_dict(mitsuba_scene(bare, BLACK))
+        background = np.array(mi.render(loaded, spp=samples, seed=0), np.float32)
+        coverage, back = _coverage(loaded, scene, size)
+        del loaded  # before another thread renders
     share = float(back.sum() / max(coverage.sum(), 1e-9))
     fault = f"{share:.0%} of what is seen of the material is its back, which reflects nothing"
     if share > 0.5:
@@ -320,8 +323,9 @@ def turn_light(scene: PreparedScene, degrees: float, samples: int = 64) -> Prepa
 
     environment = np.ascontiguousarray(turned(scene.environment, degrees), np.float32)
     lit = replace(scene, environment=environment)
-    loaded = mi.load_dict(mitsuba_scene(lit, BLACK))
-    return replace(lit, background=np.array(mi.render(loaded, spp=samples, seed=0), np.float32))
+    with RENDERING:
+        background = np.array(mi.render(mi.load_dict(mitsuba_scene(lit, BLACK)), spp=samples, seed=0), np.float32)
+    return replace(lit, background=background)
 
 
 def material_shapes(loaded: Any, scene: Mapping[str, Any]) -> list[Any]:
