@@ -199,7 +199,7 @@ def test_an_output_that_cannot_be(refused, linked, output):
 @pytest.mark.parametrize("line", [[*FIT[:-1], "new/" + "é" * 128], ["recommend", "measured.binary", "-o", "a" * 256]])
 def test_a_name_that_no_file_system_holds_is_told_before_any_work(refused, linked, monkeypatch, line):
     linked("measured.binary")
-    monkeypatch.setattr("brdfatlas.cli.fit", None)
+    monkeypatch.setattr("brdfatlas.cli.commands.fit", None)
     monkeypatch.setattr(sys.modules["brdfatlas.recommend"], "recommend", None)
     refused(line, "choose a shorter one")
 
@@ -343,10 +343,10 @@ def test_an_interrupt_is_one_line(refused, monkeypatch, command, error, status, 
     def interrupted(*arguments, **options):
         raise error
 
-    monkeypatch.setattr("brdfatlas.cli.MODELS", type("M", (), {"__iter__": interrupted})())
-    monkeypatch.setattr("brdfatlas.cli.load_fit", interrupted)
-    monkeypatch.setattr("brdfatlas.cli.read_merl", interrupted, raising=False)
-    monkeypatch.setattr("brdfatlas.cli.read", interrupted, raising=False)
+    monkeypatch.setattr("brdfatlas.cli.commands.MODELS", type("M", (), {"__iter__": interrupted})())
+    monkeypatch.setattr("brdfatlas.cli.commands.load_fit", interrupted)
+    monkeypatch.setattr("brdfatlas.cli.commands.read_merl", interrupted, raising=False)
+    monkeypatch.setattr("brdfatlas.cli.commands.read", interrupted, raising=False)
     refused(command, words, status=status)
 
 
@@ -393,14 +393,14 @@ def test_a_fault_that_is_no_exception_is_one_line_too(refused, linked, monkeypat
         raise error
 
     linked("measured.binary")
-    monkeypatch.setattr("brdfatlas.cli.fit", fail)
+    monkeypatch.setattr("brdfatlas.cli.commands.fit", fail)
     refused(FIT, error.__name__)
 
 
 def test_closed_streams_are_no_fault_and_no_file_takes_their_place(inputs, tmp_path):
     code = (
         "import os, sys; [os.close(n) for n in (0, 1, 2)]; sys.stdin = sys.stdout = sys.stderr = None\n"
-        "import brdfatlas.cli as cli\n"
+        "import brdfatlas.cli as cli, brdfatlas.cli.commands\n"
         "status = cli.main(['info', sys.argv[1]])\n"
         "open(sys.argv[2], 'w').write(f'{status} {os.readlink(\"/proc/self/fd/1\")}')"
     )
@@ -412,8 +412,8 @@ def test_closed_streams_are_no_fault_and_no_file_takes_their_place(inputs, tmp_p
 
 def test_an_interrupt_of_the_process_is_one_line(inputs, tmp_path):
     code = (
-        "import sys, time, brdfatlas.cli as cli\n"
-        "cli.fit = lambda *a, **k: (print('ready', flush=True), time.sleep(600))\n"
+        "import sys, time, brdfatlas.cli as cli, brdfatlas.cli.commands\n"
+        "brdfatlas.cli.commands.fit = lambda *a, **k: (print('ready', flush=True), time.sleep(600))\n"
         f"sys.exit(cli.main(['fit', 'ggx', {str(inputs / 'measured.binary')!r}, '-o', {str(tmp_path / 'a.npz')!r}]))"
     )
     process = in_a_process(code)
@@ -640,14 +640,14 @@ def test_a_script_without_a_guard_is_told_and_does_not_hang(inputs, tmp_path, fr
 ENDED = """
 import os, signal, sys, time
 sys.argv = ["brdfatlas"]
-import brdfatlas.cli as cli
+import brdfatlas.cli as cli, brdfatlas.cli.commands
 from brdfatlas import files, interrupts
 def end():
     os.kill(os.getpid(), {number})
     time.sleep(0.01)
 def fit(*_, **__):
     {body}
-cli.fit = fit
+brdfatlas.cli.commands.fit = fit
 sys.exit(cli.main(["fit", "ggx", {measured!r}, "-o", {output!r}]))
 """
 WRITES = "with files.atomic_path({output!r}) as path:\n        path.write_text('half'); end()"

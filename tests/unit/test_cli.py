@@ -7,7 +7,8 @@ import pytest
 
 import brdfatlas
 from brdfatlas import read_merl
-from brdfatlas.cli import main, parse_options
+from brdfatlas.cli import main
+from brdfatlas.cli.commands import parse_options
 from brdfatlas.export.fit_json import export_json
 from brdfatlas.files import ours
 from brdfatlas.fits import Fit

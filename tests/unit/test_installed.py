@@ -89,7 +89,7 @@ def test_an_installed_package_has_all_it_reads(installed, tmp_path):
         ["render", "ggx.npz", "--spp", "16", "--size", "8", "-o", "ggx.exr"],
     ):
         done = subprocess.run(
-            [sys.executable, "-m", "brdfatlas.cli", *command],
+            [sys.executable, "-m", "brdfatlas", *command],
             cwd=work,
             env=os.environ | {"PYTHONPATH": str(installed)},
             capture_output=True,

@@ -1,43 +1,32 @@
-"""The command line. Each command is also a Python function of the package; heavy parts are imported when used."""
+"""What each command does. Each is also a Python function of the package; heavy parts are imported when used."""
 
 import argparse
 import contextlib
 import dataclasses
-import errno
 import json
 import math
 import os
-import signal
 import sys
-import tempfile
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import brdfatlas
-from brdfatlas import interrupts
 from brdfatlas.angles import above_horizon
-from brdfatlas.files import ENDINGS, FileFault, check_output, check_regular, digits, json_of, plain, shown
+from brdfatlas.files import FileFault, check_output, check_regular, json_of, shown
 from brdfatlas.fits import Fit, fit, is_fit_file, load_fit
 from brdfatlas.formats.merl import write_merl
 from brdfatlas.formats.reader import read
-from brdfatlas.measured import Measured, MeasuredError, fold
+from brdfatlas.measured import Measured, fold
 from brdfatlas.measures.recommendation import allowed
 from brdfatlas.models import MODELS
-from brdfatlas.models.base import FitError
 
 if TYPE_CHECKING:
     from brdfatlas.rendering.images import Render
 
 #: Mean dE00 of a render above which a recommendation says that it is a poor one: several times what is just visible.
 POOR_DE00 = 5.0
-#: What a user can repair: one line on stderr and exit status 1; anything else is our fault and keeps its traceback.
-USER_FAULTS = (MeasuredError, FitError, ValueError, KeyError, ImportError, OSError, MemoryError)
-#: Kinds of output that are text, which `-o -` writes to standard output.
-TEXT = ("JSON", "XML", "MaterialX")
 #: Targets of `export` with the kind of file that each is.
 EXPORTS = {
     "json": "JSON",
@@ -47,8 +36,6 @@ EXPORTS = {
     "gltf": "glTF",
     "merl": "MERL table",
 }
-#: Exit status of a shell for a command that SIGPIPE ended; for another signal it is 128 and its number, too.
-BROKEN_PIPE = 141
 
 
 def say(*lines: object) -> None:
@@ -485,246 +472,3 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
         for name, value in errors.items():
             say(f"{name:24} {value:.6g}" + ("  (a lower bound)" if bound and name == "psnr_db" else ""))
     return {**errors, "psnr_is_lower_bound": bound, "exposure": tone.exposure, "gamma": tone.gamma}
-
-
-class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line, and whose options stand once."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
-        self.register("action", None, Once)
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {shown(message)}; see {self.prog} --help\n")
-
-
-class Once(argparse._StoreAction):
-    """An option that stands once: of two values one would be lost silently."""
-
-    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
-        if option_string:
-            given = namespace.__dict__.setdefault("_given", set())
-            if self.dest in given:
-                raise argparse.ArgumentError(self, "stands twice; leave one out")
-            given.add(self.dest)
-        super().__call__(parser, namespace, values, option_string)
-
-
-class Defaults(argparse.ArgumentDefaultsHelpFormatter):
-    """Help with the default of every option that has one."""
-
-    def _get_help_string(self, action: argparse.Action) -> str | None:
-        return action.help if action.default in (None, False, []) else super()._get_help_string(action)
-
-
-def whole(low: int, high: int) -> Callable[[str], int]:
-    """A type of argument: a whole number of ``low`` to ``high``."""
-
-    def parse(text: str) -> int:
-        try:
-            value = int(digits(text))
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a whole number of {low} to {high}")
-        return value
-
-    return parse
-
-
-def number(low: float, high: float) -> Callable[[str], float]:
-    """A type of argument: a number of ``low`` to ``high``."""
-
-    def parse(text: str) -> float:
-        try:
-            value = float(digits(text))
-        except ValueError:
-            value = math.nan
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a number of {low:g} to {high:g}")
-        return value
-
-    return parse
-
-
-def add_command(
-    commands: Any, name: str, function: Callable, reads: Sequence[str] = (), writes: str = "", source: bool = False
-) -> argparse.ArgumentParser:
-    """A command; ``reads`` names its arguments that are inputs, ``writes`` is the kind of its output (ENDINGS)."""
-    sub = commands.add_parser(name, help=function.__doc__, description=function.__doc__, formatter_class=Defaults)
-    sub.set_defaults(function=function, reads=(*reads, "source"), writes=writes)
-    sub.add_argument("--json", action="store_true", help="print the result as JSON")
-    if writes:
-        ways = f"{' or '.join(ENDINGS[writes])}{', - for standard output' if writes in TEXT else ''}"
-        sub.add_argument("-o", "--output", required=name != "standin", metavar="OUT", help=f"file to write: {ways}")
-        sub.add_argument("--force", action="store_true", help="replace an existing file that brdfatlas did not write")
-    if source:
-        sub.add_argument("--source", metavar="FILE.py", help="file with a model of your own; a fit remembers it")
-    return sub
-
-
-def parser() -> argparse.ArgumentParser:
-    """The command line's grammar."""
-    top = Parser(prog="brdfatlas", description="Reflectance models fitted to measured reflectance.")
-    top.add_argument("--version", action="version", version=brdfatlas.__version__)
-    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-
-    command = partial(add_command, commands)
-    command("models", models_command)
-    sub = command("info", info_command, ["file"], source=True)
-    sub.add_argument("file", metavar="FILE", help="measured file or fit")
-    sub = command("convert", convert_command, ["file", "like"], "table", source=True)
-    sub.add_argument("file", metavar="FILE", help="measured file or fit")
-    sub = sub.add_mutually_exclusive_group()
-    sub.add_argument("--like", metavar="FILE", help="of a .csv: the directions of this table or spectral text")
-    sub.add_argument(
-        "--step",
-        type=number(1.0, 30.0),  # a smaller step makes a larger table than is read, a larger one fewer pairs
-        help="of a .csv: degrees between directions of a regular table, 1 to 30, else 10",
-    )
-    sub = command("standin", standin_command, writes="MERL table")
-    sub.add_argument("material", nargs="?", help="name of a material of the MERL database")
-    sub.add_argument("--list", action="store_true", help="list the materials that have a stand-in")
-    sub = command("fit", fit_command, ["file"], "fit", source=True)
-    sub.add_argument("model", help="name of the model; `brdfatlas models` lists them")
-    sub.add_argument("file", metavar="FILE", help="measured file, of any format")
-    sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, help="of the random numbers of the fit")
-    sub.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the model")
-    fit_of = {"metavar": "FIT", "help": "fit that `brdfatlas fit` wrote"}
-    command("table", table_command, ["fit"], "MERL table", source=True).add_argument("fit", **fit_of)
-    sub = command("export", export_command, ["fit"], "JSON", source=True)
-    sub.add_argument("fit", **fit_of)
-    sub = sub.add_mutually_exclusive_group()
-    sub.add_argument("--to", metavar="TARGET", default="json", choices=list(EXPORTS), help=", ".join(EXPORTS))
-    sub.add_argument("--sampler", action="store_true", help="the same as --to sampler")
-    sub = command("recommend", recommend_command, ["file"])
-    sub.add_argument("file", metavar="FILE", help="measured file")
-    sub.add_argument("--budget", type=whole(1, 2**40), metavar="BYTES", help="largest size of a fit")
-    sub.add_argument(
-        "--for",
-        dest="target",
-        choices=("mitsuba", "materialx", "gltf"),
-        help="only models that this material is exactly",
-    )
-    sub.add_argument("--models", metavar="NAME,...", help="only these; else all")
-    sub.add_argument("-o", "--folder", metavar="FOLDER", help="folder for the best fit, its exports and a picture")
-    sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, help="of the random numbers")
-    sub = command("uber-texture", uber_texture_command, ["fits"], "EXR picture", source=True)
-    sub.add_argument("fits", metavar="FIT", nargs="+", help="fits of one model, one a material, at most 128")
-    sub = command("compare", compare_command, ["a", "b"], source=True)
-    sub.add_argument("a", metavar="A", help="measured file or fit, the reference")
-    sub.add_argument("b", metavar="B", help="measured file or fit")
-    add_render(command("render", render_command, ["file", "scenes"], "picture", source=True))
-    sub = command("image-errors", image_errors_command, ["reference", "image"])
-    sub.add_argument("reference", metavar="REFERENCE.exr", help="picture that is right")
-    sub.add_argument("image", metavar="IMAGE.exr", help="picture to judge")
-    sub.add_argument("--exposure", type=number(1e-6, 1e6), help="of the tone map; else the reference's own, else 1")
-    sub.add_argument("--gamma", type=number(0.1, 10.0), help="of the tone map; else the reference's own, else 2.2")
-    return top
-
-
-def add_render(sub: argparse.ArgumentParser) -> None:
-    """The arguments of `render`."""
-    sub.add_argument("file", metavar="FILE_OR_FIT", help="measured file or fit")
-    sub.add_argument("--scene", default="studio_sphere", help="name of a scene")
-    sub.add_argument(
-        "--spp", type=whole(8, 2**20), default=64, help="samples a pixel, at least one in each of 8 batches"
-    )
-    sub.add_argument("--size", type=whole(1, 4096), default=256, help="width and height in pixels")
-    sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=1, help="of the random numbers of the render")
-    sub.add_argument("--scenes", metavar="FILE.yaml", help="file that defines the scene, else the built-in scenes")
-    sub.add_argument("--integrator", choices=("direct", "path"), default="direct", help="path: by stock Mitsuba")
-    sub.add_argument("--variant", default="llvm_ad_rgb", help="Mitsuba variant")
-
-
-def check_arguments(args: argparse.Namespace) -> None:
-    """Refuse an output that would destroy an input or a file of another kind."""
-    output = getattr(args, "output", None)
-    given = [getattr(args, name, None) for name in args.reads]
-    inputs = [path for value in given for path in ([value] if isinstance(value, str) else value or [])]
-    if args.command == "export":
-        args.writes = EXPORTS["sampler" if args.sampler else args.to]
-    if "" in [output, *inputs]:
-        raise FileFault("'': an empty name of a file; is a variable of the shell not set?")
-    if output == "-" and (args.writes not in TEXT or args.json):
-        fault = "the result is printed there" if args.json else f"{args.writes} is no text"
-        raise FileFault(f"-o -: standard output cannot be the file, {fault}; name a file")
-    if output and output != "-":
-        check_output(output, args.writes, inputs, force=args.force)
-        args.named, args.output = output, str(Path(output).absolute())  # a model's own code may leave the folder
-
-
-def run(args: argparse.Namespace) -> None:
-    """Run a command and print what it has to say; with ``-o -`` print the file that it would write."""
-    check_arguments(args)
-    if getattr(args, "output", None) != "-":
-        # with --json the result alone is printed: not what a model prints
-        with contextlib.redirect_stdout(sys.stderr if args.json else sys.stdout):
-            result = args.function(args)
-        if args.json:
-            emit(json.dumps(plain(result), indent=1, ensure_ascii=False) + "\n")
-    else:
-        with interrupts.unwound(), tempfile.TemporaryDirectory() as folder:
-            args.named = args.output = os.path.join(folder, "out" + ENDINGS[args.writes][0])
-            args.json = True
-            with contextlib.redirect_stdout(sys.stderr):
-                args.function(args)
-            if len(os.listdir(folder)) > 1:
-                raise FileFault("-o -: this fit is written beside its export, in a file of its own; name a file")
-            emit(Path(args.output).read_text(encoding="utf-8"))
-    emit("", flush=True)
-
-
-def reason(error: BaseException) -> str:
-    """An error in one line."""
-    if isinstance(error, MemoryError):
-        return "not enough memory; take a smaller size, or close other programs"
-    if isinstance(error, KeyError) and error.args:
-        return shown(error.args[0])
-    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-        return f"{error.strerror}; allow more, `ulimit -n 256`, or close other programs"
-    if isinstance(error, OSError) and error.strerror and error.filename:
-        return f"{shown(error.filename)}: {error.strerror}"
-    if isinstance(error, FileNotFoundError) and not error.filename:
-        return "the working folder is gone; change to one that exists"
-    return shown(" ".join(str(error).split("\n")).strip() or type(error).__name__)
-
-
-def _open_streams() -> None:
-    """Standard streams that the caller has closed lead nowhere. Without them the next file to be opened would have the
-    number of one, and get what libraries print."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            number = os.open(os.devnull, os.O_RDWR)  # the lowest that is free: the stream's own
-            setattr(sys, name, os.fdopen(number, mode, closefd=False))
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; exit status 0, or 1 after one line that says what is wrong; 128 + n where signal n ended it."""
-    _open_streams()
-    with contextlib.suppress(AttributeError):
-        sys.stdout.reconfigure(errors="backslashreplace")  # names of files that are no text in this locale
-    try:
-        interrupts.as_exceptions()
-        args = parser().parse_args(argv)
-        run(args)
-    except BrokenPipeError:  # `| head` has read enough
-        return BROKEN_PIPE
-    except BaseException as error:
-        number = interrupts.received or (signal.SIGINT if isinstance(error, KeyboardInterrupt) else 0)
-        if number:
-            with contextlib.suppress(OSError):  # of a terminal that was closed
-                print("brdfatlas: interrupted, nothing was written", file=sys.stderr)
-            return 128 + number
-        if isinstance(error, Exception | SystemExit) and not isinstance(error, USER_FAULTS):
-            raise
-        kind = "" if isinstance(error, USER_FAULTS) else f"{type(error).__name__}: "  # a model's own
-        print(f"brdfatlas {args.command}: {kind}{reason(error)}", file=sys.stderr)
-        return 1
-    finally:
-        interrupts.at_once()
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
