@@ -639,6 +639,7 @@ def test_a_script_without_a_guard_is_told_and_does_not_hang(inputs, tmp_path, fr
 
 ENDED = """
 import os, signal, sys, time
+signal.signal({number}, signal.default_int_handler if {number} == signal.SIGINT else signal.SIG_DFL)  # not as under nohup
 sys.argv = ["brdfatlas"]
 import brdfatlas.cli as cli, brdfatlas.cli.commands
 from brdfatlas import files, interrupts

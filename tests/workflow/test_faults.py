@@ -253,14 +253,6 @@ def test_results_of_the_future_stop_the_run_with_a_remedy_that_works(finished, u
     assert differences(finished, undisturbed) == []
 
 
-def test_touch_does_not_make_old_results_new(finished):
-    change_a_model(finished)
-    done = finished.snakemake("--touch", *TARGET, check=False)
-    assert done.returncode == 1
-    assert "--touch: " in done.stdout
-    assert "fit_dupuy2015" in finished.planned(*TARGET)
-
-
 BROKEN = '''
 """A model that fails."""
 

@@ -151,10 +151,6 @@ def check_results():
     """
     if not workflow.is_main_process:
         return
-    if workflow.touch:
-        raise SystemExit(
-            "--touch: results of other settings would stand as today's; leave it out: what is still right is kept"
-        )
     made = ["results/run.json", *made_by(rules.prepare_scene, scene=SCENES), *expand(MADE, material=MATERIALS)]
     if workflow.executor_plugin and not workflow.dryrun:  # not for who only looks
         if ahead := [file for file in made if time_fault(file)]:
