@@ -637,9 +637,10 @@ def test_a_script_without_a_guard_is_told_and_does_not_hang(inputs, tmp_path, fr
     assert not list(tmp_path.glob("brdfatlas.*"))
 
 
+# A child of nohup ignores SIGHUP.
 ENDED = """
 import os, signal, sys, time
-signal.signal({number}, signal.default_int_handler if {number} == signal.SIGINT else signal.SIG_DFL)  # not as under nohup
+signal.signal({number}, signal.default_int_handler if {number} == signal.SIGINT else signal.SIG_DFL)
 sys.argv = ["brdfatlas"]
 import brdfatlas.cli as cli, brdfatlas.cli.commands
 from brdfatlas import files, interrupts
