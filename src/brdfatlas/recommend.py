@@ -278,6 +278,8 @@ def _check(budget: Any, target: Any, models: Any, processes: Any) -> None:
 
 _measured: Measured | None = None  # of a worker: threads of one process may each fit another material
 
+_starting = threading.Lock()  # so that each thread knows which workers are its own
+
 
 def _start_worker(path: Path) -> None:
     """A worker ends with the process that it works for, also where that is killed, and takes its file along."""
@@ -332,7 +334,7 @@ def _fit_all(
         yield from (_fit_one(measured, entry, seed) for entry in order)
         return
     context = multiprocessing.get_context("spawn")
-    others = set(multiprocessing.active_children())
+    mine: set[multiprocessing.process.BaseProcess] = set()
     with interrupts.unwound(), tempfile.TemporaryDirectory(prefix="brdfatlas.") as folder:
         # Not an argument of the workers: one that ends before it has read so much keeps its starter waiting for ever.
         path = Path(folder) / "measured"
@@ -342,8 +344,12 @@ def _fit_all(
             raise OSError(error.errno, f"{error.strerror}; set TMPDIR to a folder with room", folder) from None
         with ProcessPoolExecutor(min(processes, len(order)), context, _start_worker, (path,)) as pool:
             try:
-                with _without_interrupts():
-                    futures = [pool.submit(_work, entry, seed) for entry in order]
+                with _starting, _without_interrupts():
+                    others = set(multiprocessing.active_children())
+                    try:
+                        futures = [pool.submit(_work, entry, seed) for entry in order]
+                    finally:
+                        mine = set(multiprocessing.active_children()) - others
                 yield from (future.result() for future in as_completed(futures))
             except BrokenProcessPool:
                 raise ChildProcessError(
@@ -351,7 +357,7 @@ def _fit_all(
                     'recommend has its own code outside `if __name__ == "__main__":`; ask for processes=1'
                 ) from None
             except BaseException:  # nobody waits for the rest
-                for worker in set(multiprocessing.active_children()) - others:
+                for worker in mine:
                     worker.terminate()
                 raise
 

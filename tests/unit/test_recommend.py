@@ -67,6 +67,25 @@ def test_threads_recommend_for_their_own_material(material):
         np.testing.assert_allclose(value, measured.table[0, 0, 0], rtol=1e-5)
 
 
+def test_a_thread_that_fails_takes_no_other_thread_its_workers(material):
+    """One is stopped after its first fit, when the other's workers are at work."""
+    ready = Barrier(2)
+
+    def winner(fails):
+        def progress(line):
+            if line.startswith("fit 1/") and ready.wait() is not None and fails:
+                raise RuntimeError("mine")
+
+        settings = SMALL | {"processes": 2, "progress": progress}
+        return brdfatlas.recommend(material, models=["lambert", "ggx", "sgd", "gltf"], **settings).winner.model
+
+    with ThreadPoolExecutor(2) as pool:
+        fails, works = (pool.submit(winner, fails) for fails in (True, False))
+        assert works.result() == "gltf"
+        with pytest.raises(RuntimeError, match="mine"):
+            fails.result()
+
+
 def test_a_worker_that_may_have_none_fits_by_itself(material, found):
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         call = partial(brdfatlas.recommend, models=["lambert", "gltf"], **SMALL | {"processes": 2})
