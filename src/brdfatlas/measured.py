@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 #: The same pair of directions, in radians.
 SAME_PAIR = 1e-5
 N_CELLS = int(np.prod(GRID_SHAPE))
+#: Of a table on the MERL grid, and of one on the full circle.
+TABLE_SHAPES = (*GRID_SHAPE, 3), (*GRID_SHAPE[:2], 2 * N_PHI_D, 3)
 #: What a table may be: a measurement, somebody's reconstruction of one (a network, a fit), or a built-in stand-in.
 KINDS = MEASURED, RECONSTRUCTED, STANDIN = "measured", "reconstructed", "stand-in"
 
@@ -73,7 +75,7 @@ class Measured:
 
     def __post_init__(self) -> None:
         shape, dtype = np.shape(self.table), getattr(self.table, "dtype", None)
-        if shape not in ((*GRID_SHAPE, 3), (*GRID_SHAPE[:2], 2 * N_PHI_D, 3)):
+        if shape not in TABLE_SHAPES:
             raise MeasuredError(f"{self.name}: a table of shape {shape}; {(*GRID_SHAPE, 3)} is needed")
         if dtype not in (np.float32, np.float64):  # compiled code knows no other, nor another order of bytes
             raise MeasuredError(f"{self.name}: a table of {dtype}; float32 or float64 is needed")

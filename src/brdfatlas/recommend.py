@@ -276,17 +276,15 @@ def _check(budget: Any, target: Any, models: Any, processes: Any) -> None:
 
 # Fits in workers -------------------------------------------------------------------------------------------------
 
-_measured: Measured | None = None
+_measured: Measured | None = None  # of a worker: threads of one process may each fit another material
 
-
-def _remember(measured: Measured) -> None:
-    global _measured
-    _measured = measured
+_starting = threading.Lock()  # so that each thread knows which workers are its own
 
 
 def _start_worker(path: Path) -> None:
     """A worker ends with the process that it works for, also where that is killed, and takes its file along."""
-    _remember(pickle.loads(path.read_bytes()))
+    global _measured
+    _measured = pickle.loads(path.read_bytes())
     sys.stdout = sys.stderr  # what models print is no part of a result
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -311,11 +309,15 @@ def _without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _fit_one(entry: Entry, seed: int) -> tuple[str, Fit | str]:
-    """A fit, or in one line why there is none: a model that fails must not hide what the others can do."""
+def _work(entry: Entry, seed: int) -> tuple[str, Fit | str]:
     assert _measured is not None
+    return _fit_one(_measured, entry, seed)
+
+
+def _fit_one(measured: Measured, entry: Entry, seed: int) -> tuple[str, Fit | str]:
+    """A fit, or in one line why there is none: a model that fails must not hide what the others can do."""
     try:
-        return entry.name, fit(entry, _measured, seed=seed)
+        return entry.name, fit(entry, measured, seed=seed)
     except (MemoryError, OSError):
         raise
     except Exception as error:
@@ -327,12 +329,12 @@ def _fit_all(
 ) -> Iterator[tuple[str, Fit | str]]:
     """Outcomes as they come. Large fits first, because they take longest and nobody should wait for a last one."""
     order = sorted(entries, key=lambda entry: -entry.bytes)
-    if processes <= 1 or len(order) < 2:
-        _remember(measured)
-        yield from (_fit_one(entry, seed) for entry in order)
+    may_have_workers = not multiprocessing.current_process().daemon  # as the workers of a multiprocessing.Pool are
+    if processes <= 1 or len(order) < 2 or not may_have_workers:
+        yield from (_fit_one(measured, entry, seed) for entry in order)
         return
     context = multiprocessing.get_context("spawn")
-    others = set(multiprocessing.active_children())
+    mine: set[multiprocessing.process.BaseProcess] = set()
     with interrupts.unwound(), tempfile.TemporaryDirectory(prefix="brdfatlas.") as folder:
         # Not an argument of the workers: one that ends before it has read so much keeps its starter waiting for ever.
         path = Path(folder) / "measured"
@@ -342,8 +344,12 @@ def _fit_all(
             raise OSError(error.errno, f"{error.strerror}; set TMPDIR to a folder with room", folder) from None
         with ProcessPoolExecutor(min(processes, len(order)), context, _start_worker, (path,)) as pool:
             try:
-                with _without_interrupts():
-                    futures = [pool.submit(_fit_one, entry, seed) for entry in order]
+                with _starting, _without_interrupts():
+                    others = set(multiprocessing.active_children())
+                    try:
+                        futures = [pool.submit(_work, entry, seed) for entry in order]
+                    finally:
+                        mine = set(multiprocessing.active_children()) - others
                 yield from (future.result() for future in as_completed(futures))
             except BrokenProcessPool:
                 raise ChildProcessError(
@@ -351,7 +357,7 @@ def _fit_all(
                     'recommend has its own code outside `if __name__ == "__main__":`; ask for processes=1'
                 ) from None
             except BaseException:  # nobody waits for the rest
-                for worker in set(multiprocessing.active_children()) - others:
+                for worker in mine:
                     worker.terminate()
                 raise
 

@@ -275,6 +275,26 @@ def test_image_errors_compare_what_can_be_compared(refused, inputs, linked, key,
     refused(["image-errors", "picture.exr", "other.exr"], "picture.exr" if key == "scene" else "other.exr", words)
 
 
+def test_image_errors_of_a_picture_that_is_no_exr(refused, inputs, linked):
+    from brdfatlas.rendering.images import load_render, save_picture
+
+    linked("picture.exr")
+    save_picture("picture.png", load_render("picture.exr"))
+    refused(["image-errors", "picture.exr", "picture.png"], "picture.png", "another kind of file", ".exr")
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "bright"])
+@pytest.mark.parametrize("key", ["exposure", "gamma"])
+def test_image_errors_by_a_tone_map_that_is_none(refused, linked, key, value):
+    from brdfatlas.rendering.images import load_render, save_render
+
+    linked("picture.exr")
+    render = load_render("picture.exr")
+    save_render("other.exr", replace(render, meta=dict(render.meta) | {key: value}))
+    refused(["image-errors", "other.exr", "picture.exr"], "other.exr", f"{key} is '{value}'", f"--{key}")
+    assert main(["image-errors", "other.exr", "picture.exr", f"--{key}", "2"]) == 0
+
+
 def test_image_errors_of_another_size_or_of_nothing(refused, linked):
     from brdfatlas.rendering.images import Render, save_render
 

@@ -247,6 +247,13 @@ def test_what_cannot_be_compared_is_refused_with_a_reason(spoil, message):
         errors.image_errors(*spoil(a, b), TONE)
 
 
+@pytest.mark.parametrize("tone", [(0.0, 2.2), (1.0, 0.0), (-1.0, 2.2), (np.nan, 2.2), (1.0, np.inf)])
+def test_a_tone_map_that_shows_nothing_is_refused(tone):
+    a, b = noisy_pair(0.1, np.random.default_rng(13))
+    with pytest.raises(ValueError, match="numbers above 0"):
+        errors.image_errors(a, b, errors.Tone(*tone))
+
+
 @pytest.fixture
 def renders(tmp_path):
     """Renders of a material: a good model, a failed one, one with NaN; two scenes."""

@@ -283,6 +283,14 @@ def test_faults_are_one_line_and_leave_no_file(tmp_path, capsys):
         assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
 
 
+def test_a_scene_file_does_not_replace_the_fit_that_lies_beside_it(tmp_path):
+    fit = fit_of("ggx_diffuse")
+    fit.save(tmp_path / "fit.npz")
+    with pytest.raises(ExportError, match=r"fit\.npz: .*name it \.xml"):
+        export(fit, "mitsuba", tmp_path / "fit.npz")
+    assert load_fit(tmp_path / "fit.npz") == fit
+
+
 def test_an_unknown_target_names_the_known_ones(tmp_path):
     with pytest.raises(ExportError, match="unknown target 'unreal'; known targets: mitsuba, materialx, gltf, json"):
         export(fit_of("gltf"), "unreal", tmp_path / "a")

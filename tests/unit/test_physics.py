@@ -82,6 +82,12 @@ def test_bad_cells_counts_only_above_the_horizon():
     assert bad_cells(table) == pytest.approx(2 / above_horizon().sum())
 
 
+@pytest.mark.parametrize("wrong", [None, "felt.binary", np.zeros((4, 90, 180, 3)), np.zeros((*GRID_SHAPE, 1))])
+def test_what_is_neither_fit_nor_table_is_refused(wrong):
+    with pytest.raises(ValueError, match=r"a Fit, or a table \(90, 90, 180, 3\)"):
+        physics_checks(wrong)
+
+
 def test_a_table_is_checked_like_a_fit():
     table = np.full((*GRID_SHAPE, 3), [0.1, 0.2, 1 / np.pi], np.float32)
     checks = physics_checks(table)

@@ -1,5 +1,9 @@
 import json
+import multiprocessing
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -45,6 +49,48 @@ def test_what_looks_wrong_in_the_file_is_told_before_any_fit(material):
     told = []
     brdfatlas.recommend(doubted, models=["lambert"], progress=told.append, **SMALL)
     assert "values look unscaled" in told[0]
+
+
+def test_threads_recommend_for_their_own_material(material):
+    """All have read their material before the first of them fits."""
+    others = [replace(material, name=f"grey_{n}", table=np.full_like(material.table, n / 10)) for n in (1, 2, 3)]
+    ready = Barrier(len(others))
+
+    def albedo(measured):
+        found = brdfatlas.recommend(measured, models=["lambert", "ggx"], progress=lambda line: ready.wait(), **SMALL)
+        return found.fits["lambert"].material, found.fits["lambert"].parameters["kd"] / np.pi
+
+    with ThreadPoolExecutor(len(others)) as pool:
+        told = list(pool.map(albedo, others))
+    for measured, (name, value) in zip(others, told):
+        assert name == measured.name
+        np.testing.assert_allclose(value, measured.table[0, 0, 0], rtol=1e-5)
+
+
+def test_a_thread_that_fails_takes_no_other_thread_its_workers(material):
+    """One is stopped after its first fit, when the other's workers are at work."""
+    ready = Barrier(2)
+
+    def winner(fails):
+        def progress(line):
+            if line.startswith("fit 1/") and ready.wait() is not None and fails:
+                raise RuntimeError("mine")
+
+        settings = SMALL | {"processes": 2, "progress": progress}
+        return brdfatlas.recommend(material, models=["lambert", "ggx", "sgd", "gltf"], **settings).winner.model
+
+    with ThreadPoolExecutor(2) as pool:
+        fails, works = (pool.submit(winner, fails) for fails in (True, False))
+        assert works.result() == "gltf"
+        with pytest.raises(RuntimeError, match="mine"):
+            fails.result()
+
+
+def test_a_worker_that_may_have_none_fits_by_itself(material, found):
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        call = partial(brdfatlas.recommend, models=["lambert", "gltf"], **SMALL | {"processes": 2})
+        made = pool.apply(call, (material,))
+    assert {name: found.fits[name] for name in made.fits} == made.fits
 
 
 def test_a_budget_leaves_what_fits_in_it(material):

@@ -221,6 +221,29 @@ def test_faults_are_one_line_that_names_the_file(tmp_path):
             mi.load_dict({"type": "brdfatlas"} | entry)
 
 
+@pytest.mark.parametrize("shape", [(3, 90, 180, 3), (90, 90, 180, 1), (90, 90, 180), (90, 90, 200, 3)])
+def test_a_table_of_another_shape_is_refused(shape):
+    from brdfatlas.rendering.bsdf import interleave
+
+    with pytest.raises(MeasuredError, match=r"a table of shape .* is needed"):
+        interleave([np.zeros(shape, np.float32)], material(0.1).valid)
+
+
+def test_a_mask_on_the_full_circle_takes_tables_of_either_kind():
+    from brdfatlas.rendering.bsdf import interleave
+
+    m = material(0.1)
+    twice = np.concatenate([m.valid, m.valid], 2)
+    table = m.extended.astype(np.float32)
+    packed, stride, n_phi = interleave([table, np.concatenate([table, table], 2)], twice)
+    assert n_phi == twice.shape[2]
+    alone, its_stride, its_n_phi = interleave([table], twice)
+    assert its_n_phi == n_phi
+    cells = packed.reshape(-1, stride)
+    np.testing.assert_array_equal(cells[:, :3], cells[:, 3:6])
+    np.testing.assert_array_equal(alone.reshape(-1, its_stride)[:, :3], cells[:, :3])
+
+
 def test_a_fit_that_is_not_finite_is_refused():
     variant()
     from brdfatlas.rendering.bsdf import reflectance_of

@@ -171,9 +171,12 @@ def test_render_file(here):
         ({"size": 0}, "render.size"),
         ({"integrator": "magic"}, "magic"),
         ({"variant": "magic_rgb"}, "magic_rgb"),
+        ({"variant": None}, "rendering.variant: None"),
     ):
         with pytest.raises(ValueError, match=message):
             jobs.render_file(here / "m.binary", **({"scene": "a", "scenes": scenes, "size": 8} | arguments))
+    with pytest.raises(TypeError, match="3 is no path, Measured or Fit"):
+        jobs.render_file(3, "a", scenes=scenes)
     with pytest.raises(MeasuredError, match=r"absent\.binary"):
         jobs.render_file(here / "absent.binary", "a", scenes=scenes)
 

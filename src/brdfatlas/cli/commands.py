@@ -438,6 +438,16 @@ def load_image(path: str) -> "Render":
         return Render(mean, mean[None], np.ones(mean.shape[:2], bool))
 
 
+def _of_tone_map(args: argparse.Namespace, reference: "Render", key: str, default: float) -> float:
+    """A number of the tone map: the command line's, the reference's own, or the default."""
+    told = getattr(args, key)
+    told = reference.meta.get(key, default) if told is None else told
+    with contextlib.suppress(ValueError):
+        if 0 < float(told) < math.inf:
+            return float(told)
+    raise ValueError(f"{args.reference}: its {key} is {told!r:.40}, no number above 0; choose one, --{key}")
+
+
 def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
     """Errors of an image against a reference: renders of ours by their batches and mask, other EXRs as they are."""
     from brdfatlas.measures.errors import Tone, image_errors, to_8_bit
@@ -452,10 +462,7 @@ def image_errors_command(args: argparse.Namespace) -> dict[str, Any]:
     shared = len(reference.batches) == len(image.batches) > 1
     if not shared:
         reference, image = (dataclasses.replace(r, batches=r.mean[None]) for r in (reference, image))
-    tone = Tone(
-        float(reference.meta.get("exposure", 1.0)) if args.exposure is None else args.exposure,
-        float(reference.meta.get("gamma", 2.2)) if args.gamma is None else args.gamma,
-    )
+    tone = Tone(_of_tone_map(args, reference, "exposure", 1.0), _of_tone_map(args, reference, "gamma", 2.2))
     try:
         errors = image_errors(reference, image, tone, common_numbers=shared)
     except ValueError as error:

@@ -56,6 +56,8 @@ def export_mitsuba(fit: Fit, path: str | os.PathLike, more: Mapping[str, Any] | 
             raise ExportError(
                 f"{shown(beside.name)}: Mitsuba takes $ for a parameter of the scene; name another output"
             )
+        if path == beside:
+            raise ExportError(f"{shown(path)}: the fit itself is written there beside the scene file; name it .xml")
         scene.insert(0, comment("needs the plugin: brdfatlas.rendering.register() before loading"))
         fit.save(beside)
         files.append(beside)

@@ -334,6 +334,8 @@ class Picture:
 
     def __init__(self, reference: Render, tone: Tone) -> None:
         check_reference(reference)
+        if not all(0 < value < np.inf for value in tone):
+            raise ValueError(f"exposure {tone.exposure!r} and gamma {tone.gamma!r}: numbers above 0 are needed")
         self.reference = reference
         self.box = box_around(reference.mask)
         self.mask = reference.mask[self.box]
@@ -428,8 +430,7 @@ def image_errors(reference: Render, image: Render, tone: Tone, *, common_numbers
     measures. False for two references of different seeds, where the noise itself is what is measured, and the plain
     MSE of the two averages is reported. Tone-mapped PSNR, dE00, FLIP and SSIM are not linear and always are those of
     the averages; the row "reference, other seed" says how much of them is noise. Raises ValueError as
-    :func:`check_reference`
-    and :func:`check_image`.
+    :func:`check_reference` and :func:`check_image`, and for a tone map that is none.
     """
     return Picture(reference, tone).errors(image, common_numbers=common_numbers)[0]
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brdfatlas.angles import above_horizon
+from brdfatlas.files import shown
 from brdfatlas.fits import Fit
-from brdfatlas.measured import look_up
+from brdfatlas.measured import TABLE_SHAPES, look_up
 
 #: incidence angles of the albedo, degrees; up to 89, where some models reflect several times the light that arrives
 INCIDENCE = (*range(0, 86, 5), 87, 88, 89)
@@ -89,12 +90,17 @@ def physics_checks(fit_or_table: Fit | np.ndarray, table: np.ndarray | None = No
     ``table``: the fit's own, if it is at hand. Returns reciprocity_error (:func:`reciprocity_error`), max_albedo
     [r, g, b] (maximum of :func:`directional_albedo` over incidence of 0 to 89 degrees; above 1 more light leaves than
     arrives) and bad_cells (:func:`bad_cells`). A table (90, 90, 180, 3) is reciprocal by its coordinates.
+
+    ValueError for what is neither.
     """
     if isinstance(fit_or_table, Fit):
         evaluate = fit_or_table.evaluate
         table = fit_or_table.table() if table is None else table
     else:
         table = np.asarray(fit_or_table)
+        if table.shape not in TABLE_SHAPES:
+            wanted = f"a Fit, or a table {' or '.join(map(str, TABLE_SHAPES))}, is needed"
+            raise ValueError(f"{shown(repr(fit_or_table)):.40}: {wanted}")
         filled = np.nan_to_num(table)
 
         def evaluate(wi, wo):

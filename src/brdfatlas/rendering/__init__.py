@@ -66,7 +66,7 @@ def register() -> None:
 
 def _check(variant: str) -> None:
     """Measured values are rgb: a spectral, monochrome or polarized variant has no use for them."""
-    if not variant.endswith("_rgb"):
+    if not str(variant).endswith("_rgb"):
         raise ValueError(
             f"rendering.variant: {variant}: brdfatlas renders in rgb; choose llvm_ad_rgb, cuda_ad_rgb or scalar_rgb"
         )

@@ -17,7 +17,7 @@ import numpy as np
 from brdfatlas.angles import N_PHI_D, N_THETA_D, N_THETA_H, above_horizon
 from brdfatlas.compiled import njit
 from brdfatlas.formats.reader import read
-from brdfatlas.measured import Measured, MeasuredError, extend, extension_index
+from brdfatlas.measured import TABLE_SHAPES, Measured, MeasuredError, extend, extension_index
 from brdfatlas.rendering.arrays import aligned, upload
 from brdfatlas.rendering.density import LIST_LENGTH, N_ELEVATIONS, Density, sampling_density
 
@@ -43,10 +43,13 @@ def interleave(tables: Sequence[np.ndarray], valid: np.ndarray) -> tuple[np.ndar
     """A group of tables with their values beside each other: cell by cell, rgb of the first, of the second ..., filled
     up with zeros; also how many numbers a cell has and how many cells phi_d.
 
-    Every table is extended beyond the mask ``valid``. If one is on the full circle, all are put there. MeasuredError
-    for a table that is not finite where there was a measurement.
+    Every table is extended beyond the mask ``valid``. If one is on the full circle, or the mask is, all are put there.
+    MeasuredError for a table of another shape, and for one that is not finite where there was a measurement.
     """
-    n_phi = max(table.shape[2] for table in tables)
+    for table in tables:  # compiled code would read beyond its end
+        if np.shape(table) not in TABLE_SHAPES:
+            raise MeasuredError(f"a table of shape {np.shape(table)}; {' or '.join(map(str, TABLE_SHAPES))} is needed")
+    n_phi = max(shape[2] for shape in (valid.shape, *(table.shape for table in tables)))
     if valid.shape[2] < n_phi:
         valid = np.concatenate([valid, valid], 2)
     index = extension_index(valid).ravel()

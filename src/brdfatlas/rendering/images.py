@@ -10,6 +10,7 @@ import numpy as np
 from brdfatlas.files import atomic_path
 
 _PREFIX = "brdfatlas:"
+EXR = b"v/1\x01"
 #: A picture of 16,384 x 8,192; a header that states more lies.
 MOST_PIXELS = 2**27
 
@@ -78,6 +79,9 @@ def _open(path: str | os.PathLike) -> tuple[dict, dict[str, np.ndarray]]:
     if not path.is_file():
         raise ImageError(f"{path}: {'not a regular file' if path.exists() else 'no such image'}")
     try:
+        with path.open("rb") as file:
+            if file.read(4) != EXR:  # OpenEXR says that it cannot open the file
+                raise ValueError("another kind of file; `brdfatlas render -o NAME.exr` writes one")
         with OpenEXR.File(str(path), header_only=True) as file:
             (left, top), (right, bottom) = file.header()["dataWindow"]
         if (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1) > MOST_PIXELS:

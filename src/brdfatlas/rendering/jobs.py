@@ -226,7 +226,8 @@ def render_file(
     """Render a ``.binary``, a fit (``.npz``), or what was read from one, in a scene of ``scenes`` (config/scenes.yaml).
 
     ``integrator="path"`` traces paths with Mitsuba's own integrator: light that is reflected more than once. Raises
-    ValueError (SceneError, MeasuredError, LlvmError) with one line that says what is wrong.
+    ValueError (SceneError, MeasuredError, LlvmError) with one line that says what is wrong, TypeError for what is none
+    of the first.
     """
     if integrator not in ("direct", "path"):
         raise SceneError(f"integrator {integrator!r}: choose direct or path")
@@ -237,6 +238,8 @@ def render_file(
     check_settings(size, samples, batches)
     if isinstance(item, str | os.PathLike):
         item = load_fit(item) if is_fit_file(item) else read(item)
+    if not isinstance(item, Measured | Fit):
+        raise TypeError(f"{item!r:.80} is no path, Measured or Fit")
     material = item.material if isinstance(item, Fit) else item.name
     model = item.entry if isinstance(item, Fit) else REFERENCE
     if isinstance(item, Fit):
