@@ -68,7 +68,7 @@ class Row(Candidate):
     reason: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recommendation:
     """What was tried on a material and what came out best.
 

@@ -7,7 +7,10 @@ import brdfatlas
 from brdfatlas.angles import GRID_SHAPE
 from brdfatlas.fits import Fit
 from brdfatlas.models import MODELS
-from brdfatlas.rendering.scenes import SceneError
+from brdfatlas.models.base import Factors, Function, Result
+from brdfatlas.recommend import Recommendation
+from brdfatlas.rendering.images import Render
+from brdfatlas.rendering.scenes import PreparedScene, SceneError
 
 UP = np.array([0.0, 0.0, 1.0])
 LAMBERT = MODELS["lambert"]
@@ -76,3 +79,11 @@ def test_directions_of_any_numbers_that_broadcast():
 )
 def test_numbers_of_a_recommendation(options, kind, words):
     one_line(kind, words, brdfatlas.recommend, MEASURED, **options)
+
+
+@pytest.mark.parametrize(
+    "kind", [Fit, brdfatlas.Measured, Render, Recommendation, Function, Factors, Result, PreparedScene]
+)
+def test_what_holds_arrays_is_not_compared_by_its_fields(kind):
+    """NumPy would say that the truth value of an array is ambiguous."""
+    assert not kind.__dataclass_params__.eq

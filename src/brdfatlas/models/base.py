@@ -134,7 +134,7 @@ def objective_words(objective: str, max_angle: float, grazing: float | None = No
     return f"{OBJECTIVE_NAMES[objective]}; {more}within {max_angle:g} degrees{beyond}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Function:
     """One named function of a fit, for figures, exports and the viewer.
 
@@ -150,7 +150,7 @@ class Function:
     unit: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Factors:
     """A fit as a sum of products, never below 0:
 
@@ -169,7 +169,7 @@ class Factors:
     rho_s: np.ndarray | None = None
 
 
-@dataclass
+@dataclass(eq=False)
 class Result:
     """What ``Model.fit`` returns: the parameters and how they were found."""
 

@@ -19,7 +19,7 @@ class ImageError(ValueError):
     """A file that cannot be used as an image; the message is one line that names the file and the fault."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Render:
     """A picture of a material under a scene.
 

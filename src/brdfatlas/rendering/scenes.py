@@ -88,7 +88,7 @@ def check_settings(size: int, samples: int, batches: int, where: str = "render."
             raise SceneError(f"{where}{key}: {value!r}: {reason}, give a whole number from {low}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """A triangle mesh, (n, 3) float32 vertices, (m, 3) uint32, (n, 3) float32 unit normals; surface as configured."""
 
@@ -98,7 +98,7 @@ class Mesh:
     surface: Any
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PreparedScene:
     """A scene ready for every material. Its ``definition`` is in a common unit of length (:func:`in_common_unit`).
 
