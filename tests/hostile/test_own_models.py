@@ -149,6 +149,17 @@ def test_in_a_run_the_fit_fails_and_not_the_job(linked, tmp_path, capsys, what):
     assert (tmp_path / "out.npz").read_bytes() == b""
 
 
+def test_the_reason_of_a_failed_fit_names_no_folder_of_the_machine(linked, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    linked("measured.binary")
+    (tmp_path / "model.py").write_text(in_fit("raise RuntimeError('no lamp')"))
+    entry = Entry("mine", "mine", source="model.py")
+    fit_job([entry.plain], 0, "measured.binary", False, {"mine": ("a.npz", "a.json")}, {"mine": ""}, "made")
+    reason = json.loads((tmp_path / "a.json").read_text())["reason"]
+    assert "model.py: line" in reason
+    assert str(tmp_path) not in reason
+
+
 def test_what_a_model_prints_is_no_part_of_a_result(linked, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     linked("measured.binary")

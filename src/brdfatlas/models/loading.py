@@ -3,6 +3,7 @@
 import importlib
 import importlib.util
 import inspect
+import os
 import sys
 import traceback
 from collections.abc import Iterator, Mapping
@@ -196,6 +197,8 @@ def own_faults(model: Model, material: str) -> Iterator[None]:
         if is_ours(model):
             raise
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-        place = f"{file}: line {lines[-1]}: " if lines else ""
+        # pages show the reason: where a project lies on this machine is nobody's business
+        near = os.path.relpath(file) if Path(file).is_relative_to(os.path.abspath(".")) else file
+        place = f"{near}: line {lines[-1]}: " if lines else ""
         message = " ".join(f"{place}{type(error).__name__}: {error}".split())
         raise FitError(f"{model.name} on {material}: {message}") from error
