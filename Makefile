@@ -48,6 +48,9 @@ audit: $(READY)  ## known vulnerabilities of the locked versions
 $(READY): requirements.lock pyproject.toml scripts/setup
 	@scripts/setup venv && touch $@
 
-clean:  ## remove what a run made; data/ and .venv stay
-	rm -rf results .snakemake
-	find reports -mindepth 1 ! -name README.md -delete
+clean:  ## remove results/ and what the last run made in reports/; what you have put there, data/ and .venv stay
+	@[ ! -f results/reports.tsv ] || sed 's/\t/  /' results/reports.tsv | LC_ALL=C sha256sum --check 2>/dev/null \
+		| sed -n 's/: OK$$//p' | xargs -rd '\n' rm -f
+	@rm -rf results .snakemake
+	@find reports -mindepth 1 -type d -empty -delete
+	@find reports -type f ! -path reports/README.md -printf '%p: kept, not as the last run made it\n'
