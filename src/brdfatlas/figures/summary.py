@@ -47,11 +47,7 @@ def plot_summary(
     table = mean_errors(errors)
     models = [m for m in (models or table.columns) if m in table.columns and table[m].notna().any()]
     if not models:
-        with style.paper():
-            figure, ((axis,),) = style.panels(1, 1, (8.4, 0.6))
-            axis.text(0, 0, f"No {LEADING.title} to draw: every fit or render failed.")
-            axis.set_axis_off()
-            style.save(figure, path)
+        _say_so(path)
         return
     ranked = sorted(models, key=lambda model: median(table[model]))
     if guide not in models:
@@ -91,6 +87,15 @@ def plot_summary(
                 axis.set_xticks([])
                 axis.set_xlabel(f"{count} materials")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="upper right")
+        style.save(figure, path)
+
+
+def _say_so(path: str | os.PathLike) -> None:
+    """One line in place of curves; a job that fails here would leave the page of an earlier run."""
+    with style.paper():
+        figure, ((axis,),) = style.panels(1, 1, (8.4, 0.6))
+        axis.text(0, 0, f"No {LEADING.title} to draw: every fit or render failed.")
+        axis.set_axis_off()
         style.save(figure, path)
 
 
