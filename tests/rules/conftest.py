@@ -1,5 +1,7 @@
 """Running one rule alone: every other file of the small run is there, the rule's outputs are made anew."""
 
+import os
+import time
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,9 @@ import pytest
 def in_order_again(finished_run):
     """A rule that ran alone is newer than what follows from it; the next module finds a finished run again."""
     yield
-    finished_run.snakemake("--touch")
+    now = time.time()
+    for path in [file for top in ("results", "reports") for file in (finished_run.root / top).rglob("*")]:
+        os.utime(path, (now, now))
 
 
 @pytest.fixture
