@@ -48,6 +48,9 @@ audit: $(READY)  ## known vulnerabilities of the locked versions
 $(READY): requirements.lock pyproject.toml scripts/setup
 	@scripts/setup venv && touch $@
 
-clean:  ## remove what a run made; data/ and .venv stay
-	rm -rf results .snakemake
-	find reports -mindepth 1 ! -name README.md -delete
+clean:  ## remove results/ and what the last run made in reports/; what you have put there, data/ and .venv stay
+	@[ ! -f results/reports.tsv ] || $(BIN)/python -c "from brdfatlas.pipeline.leftovers import record_reports_job as \
+		record; record([], {}, 'results/reports.tsv', lambda line: None)" > /dev/null
+	@rm -rf results .snakemake
+	@find reports -mindepth 1 -type d -empty -delete
+	@find reports -type f ! -path reports/README.md | sed 's/$$/: kept, not as the last run made it/'

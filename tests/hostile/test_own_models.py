@@ -1,6 +1,7 @@
 """A model of one's own may be wrong in any way: the fault is its own, in one line; nothing else stops or changes."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ import brdfatlas
 from brdfatlas.cli import main
 from brdfatlas.export.uber_texture import has_row
 from brdfatlas.fits import Fit
-from brdfatlas.models import Entry, loading, name_sources
+from brdfatlas.models import Entry, loading, name_sources, read_entries
 from brdfatlas.models.base import FitError, Result
 from brdfatlas.pipeline.jobs import fit_job
+from brdfatlas.settings import ConfigError
 
 FIT = ["fit", "mine", "measured.binary", "--source", "model.py", "-o", "out.npz"]
 IN_FIT = "        return Result("
@@ -58,6 +60,10 @@ AT_IMPORT = {
     "no parameter at all": OWN_MODEL.replace('(Parameter("a", (3,), "albedo", "", 0.0),)', "()"),
     "options in a list": OWN_MODEL.replace('formula = "a"', 'formula = "a"\n    options = ["a"]'),
     "options that are numbers": OWN_MODEL.replace('formula = "a"', 'formula = "a"\n    options = {"k": 3}'),
+    "a title that fails": OWN_MODEL + "\n    def title_of(self, options):\n        raise RuntimeError('a')\n",
+    "a title that is none": OWN_MODEL + "\n    def title_of(self, options):\n        return None\n",
+    "parameters_of that fails": OWN_MODEL + "\n    def parameters_of(self, options):\n        return options['k']\n",
+    "parameters_of that are none": OWN_MODEL + "\n    def parameters_of(self, options):\n        return ['a']\n",
     "a constructor that fails": OWN_MODEL + "\n    def __init__(self):\n        raise OSError\n",
 }
 
@@ -143,6 +149,17 @@ def test_in_a_run_the_fit_fails_and_not_the_job(linked, tmp_path, capsys, what):
     assert (tmp_path / "out.npz").read_bytes() == b""
 
 
+def test_the_reason_of_a_failed_fit_names_no_folder_of_the_machine(linked, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    linked("measured.binary")
+    (tmp_path / "model.py").write_text(in_fit("raise RuntimeError('no lamp')"))
+    entry = Entry("mine", "mine", source="model.py")
+    fit_job([entry.plain], 0, "measured.binary", False, {"mine": ("a.npz", "a.json")}, {"mine": ""}, "made")
+    reason = json.loads((tmp_path / "a.json").read_text())["reason"]
+    assert "model.py: line" in reason
+    assert str(tmp_path) not in reason
+
+
 def test_what_a_model_prints_is_no_part_of_a_result(linked, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     linked("measured.binary")
@@ -178,6 +195,32 @@ def test_a_model_that_leaves_the_folder_takes_no_output_with_it(linked, tmp_path
     monkeypatch.chdir(tmp_path)
     found = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("out.*"))
     assert found == ["out.npz", "out.xml", "sub/out.binary"]
+
+
+@pytest.mark.parametrize("what", GOES)
+def test_in_a_run_it_stays_in_the_folder(linked, tmp_path, monkeypatch, what):
+    """A job's outputs are named from the project's folder."""
+    monkeypatch.chdir(tmp_path)
+    linked("measured.binary")
+    (tmp_path / "model.py").write_text(GOES[what])
+    entry = Entry("mine", "mine", source="model.py")
+    outputs = "out/mine.npz", "out/mine.json"
+    fit_job([entry.plain], 0, "measured.binary", False, {"mine": outputs}, {"mine": ""}, "out/made")
+    assert Path.cwd() == tmp_path
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"mine.npz", "mine.json", "made"}
+
+
+def test_a_title_that_fails_with_an_option_is_told_before_any_work(tmp_path):
+    model = OWN_MODEL.replace("Parameter, Result", "Option, Parameter, Result")
+    model = model.replace('formula = "a"', 'formula = "a"\n    options = {"k": Option(1, "a number")}')
+    (tmp_path / "mine.py").write_text(
+        model + "\n    def title_of(self, options):\n        return ('one',)[options['k'] - 1]\n"
+    )
+    (tmp_path / "rows.yaml").write_text(
+        f"mine: {{source: {tmp_path}/mine.py}}\nmore: {{model: mine, source: {tmp_path}/mine.py, k: 2}}\n"
+    )
+    with pytest.raises(ConfigError, match=r"rows.yaml: more: .*mine.py: line \d+: IndexError"):
+        read_entries(tmp_path / "rows.yaml")
 
 
 def test_a_models_file_that_leaves_the_folder_takes_no_input_with_it(linked, tmp_path, monkeypatch):

@@ -253,6 +253,15 @@ def test_results_of_the_future_stop_the_run_with_a_remedy_that_works(finished, u
     assert differences(finished, undisturbed) == []
 
 
+def test_a_run_without_cores_is_refused(finished):
+    """Snakemake would wait without end."""
+    change_a_model(finished)
+    done = finished.snakemake("--cores", "0", *TARGET, check=False)
+    assert done.returncode == 1
+    assert "--cores 0: " in done.stdout
+    assert "fit_dupuy2015" in finished.jobs(finished.snakemake("--cores", "0", "--dry-run", *TARGET).stdout)
+
+
 BROKEN = '''
 """A model that fails."""
 

@@ -153,6 +153,8 @@ def check_results():
         return
     made = ["results/run.json", *made_by(rules.prepare_scene, scene=SCENES), *expand(MADE, material=MATERIALS)]
     if workflow.executor_plugin and not workflow.dryrun:  # not for who only looks
+        if workflow.resource_settings.cores == 0:
+            raise SystemExit("--cores 0: no job can begin, and Snakemake would wait without end; give 1 or more")
         if ahead := [file for file in made if time_fault(file)]:
             raise SystemExit(
                 f"results: of a time to come ({ahead[0]}); correct the clock, or "

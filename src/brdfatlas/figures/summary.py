@@ -42,12 +42,13 @@ def plot_summary(
 
     ``diffuseness``: material -> number; ``titles``: model -> name in the legend, which has the lowest median first;
     ``models``: their order, which chooses the colours. If ``guide`` is not among them the model with the lowest median
-    takes its place. ValueError without a row.
+    takes its place. Where every fit or render failed the figure says so.
     """
     table = mean_errors(errors)
     models = [m for m in (models or table.columns) if m in table.columns and table[m].notna().any()]
     if not models:
-        raise ValueError(f"{path}: no {LEADING.title} to draw")
+        _say_so(path)
+        return
     ranked = sorted(models, key=lambda model: median(table[model]))
     if guide not in models:
         guide = ranked[0]
@@ -86,6 +87,15 @@ def plot_summary(
                 axis.set_xticks([])
                 axis.set_xlabel(f"{count} materials")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="upper right")
+        style.save(figure, path)
+
+
+def _say_so(path: str | os.PathLike) -> None:
+    """One line in place of curves; a job that fails here would leave the page of an earlier run."""
+    with style.paper():
+        figure, ((axis,),) = style.panels(1, 1, (8.4, 0.6))
+        axis.text(0, 0, f"No {LEADING.title} to draw: every fit or render failed.")
+        axis.set_axis_off()
         style.save(figure, path)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.models.base import Model
 from brdfatlas.models.given import FETCHED, PUBLISHED
-from brdfatlas.models.loading import BUILTIN, load_model
+from brdfatlas.models.loading import BUILTIN, load_model, with_options
 from brdfatlas.settings import CONFIG, SCHEMAS, ConfigError, check, check_name, located, read_yaml
 
 #: The package's own rows, and the schema of every such file.
@@ -54,7 +54,7 @@ class Entry:
         KeyError for an unknown model, ImportError for a file that cannot be used, ValueError for a wrong option.
         """
         plain = load_model(self.model, self.source)
-        model = plain.with_options(self.options)
+        model = with_options(plain, self.options)
         title = self._title(model.title, plain.title)
         if title != model.title:
             model = copy(model)

@@ -3,13 +3,15 @@
 import importlib
 import importlib.util
 import inspect
+import os
 import sys
 import traceback
-from collections.abc import Iterator
-from contextlib import chdir, contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import chdir, contextmanager, nullcontext
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter
 
@@ -76,7 +78,7 @@ def load_model_file(path: str | Path, name: str | None = None) -> Model:
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # dataclasses and pickle look there
-    with _loading(str(path), str(spec.origin)), chdir("."):  # a file that goes elsewhere takes no relative path with it
+    with _loading(str(path), str(spec.origin)):
         spec.loader.exec_module(module)
     model = _only_model(module, str(path), name)
     with _loading(str(path), str(spec.origin)):
@@ -111,7 +113,30 @@ def _checked(model: Model) -> Model:
         raise TypeError("options is no mapping of names to Option")
     if "seed" in model.options:
         raise ValueError("an option called seed, which every fit has; rename it")
+    _check_told(model, {})
     return model
+
+
+def _check_told(model: Model, options: Mapping[str, Any]) -> None:
+    """TypeError unless what a model says of itself with these options, in every page of a run, is of its type."""
+    chosen = model.check_options(options)
+    if not isinstance(model.title_of(chosen), str):
+        raise TypeError("title_of gives no str")
+    stated = model.parameters_of(chosen)
+    if not isinstance(stated, tuple) or not all(isinstance(item, Parameter) for item in stated):
+        raise TypeError("parameters_of gives no tuple of Parameter")
+
+
+def with_options(model: Model, options: Mapping[str, Any]) -> Model:
+    """``model.with_options(options)``. ValueError for a wrong option, ImportError for a fault in the code of a
+    model from outside, which may choose its title and its parameters by them."""
+    model.check_options(options)
+    if is_ours(model):
+        return model.with_options(options)
+    file = inspect.getfile(type(model))
+    with _loading(file, file):
+        _check_told(model, options)
+        return model.with_options(options)
 
 
 def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
@@ -138,10 +163,12 @@ def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
 def _loading(origin: str, file: str = "") -> Iterator[None]:
     """Any fault in the code of a model from outside as ImportError: one line, with the number of that in ``file``.
 
-    ``sys.exit`` is one of them: it would end the program with whatever status the model names.
+    ``sys.exit`` is one of them: it would end the program with whatever status the model names. Code that goes
+    elsewhere takes no relative path with it.
     """
     try:
-        yield
+        with chdir("."):
+            yield
     except (Exception, SystemExit) as error:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         if isinstance(error, SyntaxError) and error.filename == file:
@@ -158,16 +185,20 @@ def is_ours(model: Model) -> bool:
 
 @contextmanager
 def own_faults(model: Model, material: str) -> Iterator[None]:
-    """Any fault in the code of a model from outside as FitError: one line with its place in the model's file."""
+    """Any fault in the code of a model from outside as FitError: one line with its place in the model's file. Code that
+    goes to another folder takes no relative path with it."""
     file = getattr(getattr(model.fit, "__code__", None), "co_filename", "")
     try:
-        yield
+        with nullcontext() if is_ours(model) else chdir("."):
+            yield
     except (MemoryError, OSError, FitError):
         raise
     except (Exception, SystemExit) as error:
         if is_ours(model):
             raise
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-        place = f"{file}: line {lines[-1]}: " if lines else ""
+        # pages show the reason: where a project lies on this machine is nobody's business
+        near = os.path.relpath(file) if Path(file).is_relative_to(os.path.abspath(".")) else file
+        place = f"{near}: line {lines[-1]}: " if lines else ""
         message = " ".join(f"{place}{type(error).__name__}: {error}".split())
         raise FitError(f"{model.name} on {material}: {message}") from error
