@@ -128,12 +128,12 @@ def test_a_fit_of_other_settings_is_not_that_of_a_report_beside_it(folder, tmp_p
     assert load_fit(folder / "ggx.npz").options["fresnel"] == "corrected"
 
 
-def ending_job(folder, status):
-    """Run a job, with its log, of a model that ends the process; returns that process."""
+def ending_job(folder, end):
+    """Run a job, with its log, of a model whose fit ends by ``end``; returns that process."""
     source = folder / "ending.py"
     source.write_text(
         "import os\nfrom brdfatlas.models.dupuy2015 import ggx\n\n\nclass Ending(ggx.GGX):\n    name = 'ending'\n\n"
-        f"    def fit(self, *arguments, **options):\n        print('mine')\n        os._exit({status})\n"
+        f"    def fit(self, *arguments, **options):\n        print('mine')\n        {end}\n"
     )
     paths = {"ending": (str(folder / "ending.npz"), str(folder / "ending.json"))}
     job = [[Entry("ending", "ending", source=str(source)).plain], 0, str(folder / "felt.binary"), False, paths]
@@ -148,12 +148,20 @@ def test_a_model_that_ends_the_process_well_leaves_no_report_of_an_earlier_fit(f
     """Snakemake would take it for that of the job."""
     for kind in ("npz", "json"):
         shutil.copy(folder / f"ggx.{kind}", folder / f"ending.{kind}")
-    assert ending_job(folder, 0).returncode == 0
+    assert ending_job(folder, "os._exit(0)").returncode == 0
     assert not (folder / "ending.json").exists()
 
 
+def test_a_reason_says_model_and_material_once(folder):
+    assert ending_job(folder, "raise RuntimeError('dark')").returncode == 0
+    reason = json.loads(report_of(folder, "ending"))["reason"]
+    assert reason.endswith("dark")
+    assert "on felt" not in reason
+    assert f"ending on felt failed: {reason}" in (folder / "log").read_text()
+
+
 def test_the_log_names_the_model_that_ended_the_process_and_no_other(folder):
-    assert ending_job(folder, 3).returncode == 3
+    assert ending_job(folder, "os._exit(3)").returncode == 3
     assert unfinished_fit(folder / "log") == "fitting ending to felt"
     with logged(folder / "log"):
         run(folder, seed=1)

@@ -93,8 +93,9 @@ def _report_of(row: Entry, measured: Measured, seed: int, fit_path: str) -> dict
         raise
     except Exception as error:
         traceback.print_exc()
-        reason = f"{type(error).__name__}: {error}".splitlines()[0]
-        print(f"{row.name} on {measured.name} failed: {reason}", file=sys.stderr)
+        where = f"{row.name} on {measured.name}"
+        reason = f"{type(error).__name__}: {str(error).removeprefix(f'{where}: ')}".splitlines()[0]
+        print(f"{where} failed: {reason}", file=sys.stderr)
         _write_mark(fit_path)
         told = {"options": dict(row.options), "seed": seed, "seconds": time.perf_counter() - start, "bytes": row.bytes}
         return {"status": "failed", "reason": reason, **labels, **told}
