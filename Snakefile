@@ -17,7 +17,9 @@ configfile: "config/config.yaml"
 container: "brdfatlas.sif"
 
 
+include: "workflow/rules/run.smk"
 include: "workflow/rules/common.smk"
+include: "workflow/rules/existing.smk"
 include: "workflow/rules/data.smk"
 include: "workflow/rules/materials.smk"
 include: "workflow/rules/fits.smk"

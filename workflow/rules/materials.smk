@@ -1,5 +1,7 @@
 # files of measured reflectance in; stand-ins where there are none; a description of each material and of the run.
 
+from brdfatlas.pipeline.records import revision, versions
+
 
 # A node of a cluster may have no git: the revision is asked for where the run is started.
 localrules:
