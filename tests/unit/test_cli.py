@@ -168,6 +168,7 @@ def test_python_functions_are_the_commands(material):
         (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "colour=1"], "colour"),
         (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "colour"], "KEY=VALUE"),
         (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "seed=1"], "unknown option 'seed'"),
+        (["fit", "lawrence", "{m}", "-o", "x.npz", "--option", "terms=2.0"], "terms = 2.0 is not one of auto, 1, 2"),
         (["fit", "naive", "{m}", "-o", "x.npz", "--option", "accelerate=False"], "'False' is not true or false"),
         (
             ["fit", "naive", "{m}", "-o", "x.npz", "--option", "power=strong"],
