@@ -46,6 +46,7 @@ _MARKS = {
     ".json": rb'\{\s*"format": "brdfatlas[ -](fit|sampler|recommendation)\b',
     ".xml": rb'<scene version="3\.0\.0">' + _COMMENTS,
     ".mtlx": rb'<\?xml version="1\.0"\?>\s*<materialx [^<>]*>' + _COMMENTS,
+    ".csv": rb"# values: f\n# angles: degrees\n# kind: [\w-]+\n# note: [^\n]*, converted by brdfatlas\n",
     ".gltf": rb'\{\s*"asset": \{\s*"version": "2\.0",\s*"generator": "brdfatlas ',
 }
 
@@ -194,8 +195,8 @@ def _same(item: str | os.PathLike, target: Path) -> bool:
 def ours(path: str | os.PathLike, kind: str) -> bool:
     """Whether ``path`` is a ``kind`` that this package wrote, or empty: such a file may be replaced.
 
-    Told by marks that we alone write. A MERL table is ours only where it is marked as a stand-in or reconstructed: any
-    other may be a measurement.
+    Told by marks that we alone write. A table is ours only where it is marked as a stand-in or reconstructed: any other
+    may be a measurement.
     """
     with open(path, "rb") as handle:
         head = handle.read(HEAD_BYTES)
@@ -203,7 +204,7 @@ def ours(path: str | os.PathLike, kind: str) -> bool:
             return True
         if kind == "fit":
             return _is_fit(handle)
-        if kind == "MERL table" and head.startswith(np.array([90, 90, 180], "<i4").tobytes()):
+        if ".binary" in ENDINGS[kind] and head.startswith(np.array([90, 90, 180], "<i4").tobytes()):
             handle.seek(-8, os.SEEK_END)
             return float(np.frombuffer(handle.read(), "<f8")[0]) in (-5.0, -6.0)
     return any(re.match(_MARKS[ending], head, re.DOTALL) for ending in ENDINGS[kind] if ending in _MARKS)

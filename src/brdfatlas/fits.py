@@ -16,7 +16,7 @@ from numba.core.event import TimingListener, install_listener
 from threadpoolctl import threadpool_limits
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon, unit_vectors
-from brdfatlas.files import check_regular, file_digest, plain, read_npz, shown, write_npz
+from brdfatlas.files import check_regular, file_digest, json_of, plain, read_npz, shown, write_npz
 from brdfatlas.measured import Measured, fold
 from brdfatlas.models import MODELS, Entry, is_ours, load_model, own_faults
 from brdfatlas.models.base import Factors, FitError, Function, Model, Result, numbers
@@ -180,6 +180,8 @@ def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -
     try:
         if check_regular(path).stat().st_size == 0:
             raise ValueError("empty, the mark of a fit that failed; fit again")
+        if json_of(path) == "fit":
+            raise ValueError("an export as JSON, which brdfatlas.export.fit_json.import_json reads")
         fitted = _fit_of(read_npz(path, most_bytes=MOST_BYTES))
         fitted = replace(fitted, source=str(source)) if source else fitted
     except FileNotFoundError:

@@ -102,6 +102,34 @@ def test_files_are_compared_where_both_were_measured(capsys, material, tmp_path)
         assert all(value == 0 for value in run_json(capsys, "compare", *pair).values())
 
 
+def test_a_fit_as_json_serves_wherever_a_fit_does(capsys, material, tmp_path):
+    """It is the form that travels; mitsuba puts it beside its export as npz."""
+    assert main(["fit", "ggx", str(material), "-o", str(tmp_path / "a.npz")]) == 0
+    run_json(capsys, "export", tmp_path / "a.npz", "-o", tmp_path / "a.json")
+    outputs = {"table": ["b.binary"], "convert": ["b.csv"], "export": ["b.xml", "--to", "mitsuba"]}
+    for command, (output, *more) in outputs.items():
+        run_json(capsys, command, tmp_path / "a.json", "-o", tmp_path / output, *more)
+    assert brdfatlas.load_fit(tmp_path / "b.npz") == brdfatlas.load_fit(tmp_path / "a.npz")
+    for pair in (("a.json", "a.npz"), ("b.binary", "a.json")):
+        errors = run_json(capsys, "compare", *(tmp_path / name for name in pair))
+        assert all(value == 0 for value in errors.values())
+    with pytest.raises(ValueError, match="import_json"):
+        brdfatlas.load_fit(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize("ending", ["binary", "csv"])
+def test_a_converted_fit_is_converted_again(capsys, material, tmp_path, ending):
+    """A table of measured values stays: it may be the only copy of a measurement."""
+    assert main(["fit", "lambert", str(material), "-o", str(tmp_path / "a.npz")]) == 0
+    convert = ["convert", str(tmp_path / "a.npz"), "-o", str(tmp_path / f"b.{ending}")]
+    assert main(convert) == main(convert) == 0
+    write_merl(tmp_path / "measured.binary", read_merl(material).table)
+    convert = ["convert", str(tmp_path / "measured.binary"), "-o", str(tmp_path / f"c.{ending}")]
+    assert main(convert) == 0
+    assert main(convert) == 1
+    assert "--force" in capsys.readouterr().err
+
+
 def test_exports(capsys, material, tmp_path):
     """A fit and its sampler as JSON, and a texture of factors, give back what the fit holds."""
     from brdfatlas.export.fit_json import import_json
@@ -140,6 +168,7 @@ def test_python_functions_are_the_commands(material):
         (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "colour=1"], "colour"),
         (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "colour"], "KEY=VALUE"),
         (["fit", "ggx", "{m}", "-o", "x.npz", "--option", "seed=1"], "unknown option 'seed'"),
+        (["fit", "lawrence", "{m}", "-o", "x.npz", "--option", "terms=2.0"], "terms = 2.0 is not one of auto, 1, 2"),
         (["fit", "naive", "{m}", "-o", "x.npz", "--option", "accelerate=False"], "'False' is not true or false"),
         (
             ["fit", "naive", "{m}", "-o", "x.npz", "--option", "power=strong"],

@@ -56,7 +56,18 @@ def emit(text: str, *, flush: bool = False) -> None:
 def load(path: str, source: str | None = None) -> Measured | Fit:
     """A measured file or a fit, whatever the file is; ``source``: the file of a fit's model where it has moved."""
     check_input(path)
-    return load_fit(path, source) if is_fit_file(path) else read_aloud(path)
+    return stored_fit(path, source) if is_fit_file(path) or _is_json_fit(path) else read_aloud(path)
+
+
+def stored_fit(path: str, source: str | None = None) -> Fit:
+    """A fit, as npz or as the JSON that `export` wrote."""
+    from brdfatlas.export.fit_json import import_json
+
+    return import_json(path, source) if _is_json_fit(path) else load_fit(path, source)
+
+
+def _is_json_fit(path: str) -> bool:
+    return os.path.isfile(path) and json_of(path) == "fit"
 
 
 def table_of(item: Measured | Fit, path: str) -> np.ndarray:
@@ -126,15 +137,12 @@ def models_command(args: argparse.Namespace) -> dict[str, Any]:
 def info_command(args: argparse.Namespace) -> dict[str, Any]:
     """What a measured file or a fit (.npz or JSON) holds: valid cells, range, albedo; model, parameters. Or what is
     wrong with it."""
-    from brdfatlas.export.fit_json import import_json
     from brdfatlas.pipeline.records import describe_material
 
-    check_input(args.file)
-    if is_fit_file(args.file):
-        return fit_info(args, load_fit(args.file, args.source))
-    if os.path.exists(args.file) and json_of(args.file) == "fit":
-        return fit_info(args, import_json(args.file, args.source))
-    described = describe_material(read_aloud(args.file))
+    item = load(args.file, args.source)
+    if isinstance(item, Fit):
+        return fit_info(args, item)
+    described = describe_material(item)
     if not args.json:
         low, high = described["range"]
         note = "" if described["kind"] == "measured" else f" (a {described['kind']} material)"
@@ -169,8 +177,7 @@ def convert_command(args: argparse.Namespace) -> dict[str, Any]:
     """Any measured file or fit as a MERL .binary, or as a .csv on a chosen set of directions."""
     from brdfatlas.formats.tables import regular_directions, scattered_directions, write_csv
 
-    check_input(args.file)
-    item = load_fit(args.file, args.source) if is_fit_file(args.file) else read_aloud(args.file)
+    item = load(args.file, args.source)
     fitted = isinstance(item, Fit)
     kind = "stand-in" if item.standin else "reconstructed" if fitted else item.kind
     rows = None
@@ -273,7 +280,7 @@ def fit_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def table_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put a fit on the MERL grid, for any MERL reader."""
-    fitted = load_fit(args.fit, args.source)
+    fitted = stored_fit(args.fit, args.source)
     write_merl(args.output, table_of(fitted, args.fit), standin=fitted.standin, reconstructed=True)
     folded = not fitted.instance.reciprocal
     if not args.json:
@@ -304,7 +311,7 @@ def export_command(args: argparse.Namespace) -> dict[str, Any]:
     from brdfatlas.export.targets import export
 
     beside = beside_of(args.named)
-    fitted = with_report(load_fit(args.fit, args.source), args.fit)
+    fitted = with_report(stored_fit(args.fit, args.source), args.fit)
     target = "sampler" if args.sampler else args.to
     if target == "mitsuba" and not args.force:
         check_beside(fitted, beside_of(args.output))
@@ -381,7 +388,7 @@ def uber_texture_command(args: argparse.Namespace) -> dict[str, Any]:
     """Put the factors of up to 128 fits into one EXR texture for shaders."""
     from brdfatlas.export.uber_texture import build_uber_texture, save_uber_texture
 
-    texture = build_uber_texture([load_fit(path, args.source) for path in args.fits])
+    texture = build_uber_texture([stored_fit(path, args.source) for path in args.fits])
     save_uber_texture(args.output, texture)
     if not args.json:
         say(f"{args.named}: {texture.model} of {len(texture.materials)} materials, a row each")

@@ -132,7 +132,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("file", metavar="FILE", help="measured file, of any format")
     sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, help="of the random numbers of the fit")
     sub.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the model")
-    fit_of = {"metavar": "FIT", "help": "fit that `brdfatlas fit` wrote"}
+    fit_of = {"metavar": "FIT", "help": "fit that `brdfatlas fit` wrote, or its JSON"}
     command("table", table_command, ["fit"], "MERL table", source=True).add_argument("fit", **fit_of)
     sub = command("export", export_command, ["fit"], "JSON", source=True)
     sub.add_argument("fit", **fit_of)

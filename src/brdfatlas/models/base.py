@@ -94,8 +94,9 @@ class Option:
     def fault(self, value: Any) -> str:
         """What is wrong with a value, such as "is not a whole number of 1 to 16"; empty if nothing is."""
         if self.choices:
-            known = any(value == choice and type(value) is not bool for choice in self.choices)
-            return "" if known else f"is not one of {', '.join(map(str, self.choices))}"
+            whole = isinstance(value, Integral)  # 2.0 is no count, 80 is an angle
+            known = any(value == choice and (whole or not isinstance(choice, Integral)) for choice in self.choices)
+            return "" if known and not isinstance(value, bool) else f"is not one of {', '.join(map(str, self.choices))}"
         if isinstance(self.default, bool):
             return "" if isinstance(value, bool) else "is not true or false"
         if not isinstance(self.default, Real):
