@@ -41,7 +41,7 @@ rule all:
         lost=lost,
         tables=made_by(rules.tabulate_errors),
         report=[*REPORT, *made_by(rules.write_standings)],
-        redrawn=redrawn,
+        lost_listed=lost_listed,
         verdict=[*made_by(rules.check_failures), *made_by(rules.record_run), *made_by(rules.record_reports)],
     message:
         "the report is complete"

@@ -26,6 +26,9 @@ def test_animations(finished_run, tmp_path):
     (page.with_suffix("") / "animation.webp").unlink()
     project.snakemake()
     assert "animation.webp" not in page.read_text(encoding="utf-8"), "no link leads nowhere"
+    project.configure(materials=["chrome"])
+    project.snakemake()
+    assert not (page.parent / "pink-felt").exists(), "a material that left takes its animation along"
 
 
 def test_a_model_that_is_not_in_the_run_is_refused(finished_run):

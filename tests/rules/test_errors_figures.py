@@ -94,7 +94,7 @@ def test_draw_pictures(run_rule, finished_run):
 def test_pictures_that_somebody_removed_come_back(finished_run):
     lost = finished_run.root / "reports/materials/pink-felt/renders/studio_sphere/reference/render.webp"
     lost.unlink()
-    assert finished_run.jobs(finished_run.snakemake().stdout).get("redraw_pictures") == 1
+    assert finished_run.jobs(finished_run.snakemake().stdout).get("draw_pictures") == 1
     assert lost.stat().st_size > 100
 
 

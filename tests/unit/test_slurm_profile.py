@@ -30,7 +30,7 @@ def test_every_rule_has_its_memory_in_the_slurm_profile():
     # Those that depend on the size of pictures, by the rule itself; the profile would override it.
     by_size = set(re.findall(r"^rule (\w+):(?:\n(?!rule).*)*?\n        mem_mb=growing\(", text, re.MULTILINE))
     assert by_size == {"prepare_scene", "render_material", "measure_errors", "draw_pictures", "draw_animation"}
-    assert set(stated) == rules - local - by_size - {"redraw_pictures"}
+    assert set(stated) == rules - local - by_size
     for rule, resources in stated.items():
         base, _, rest = str(resources["mem_mb"]).partition(" * ")
         assert int(base) >= 1000, rule

@@ -97,16 +97,21 @@ def asset_names():
     return [path.name for path in shipped("reports/assets/*")]
 
 
+def animated(rule, materials):
+    """What `snakemake animations` has made for these materials by one of its rules, where all of it is there."""
+    made = [made_by(rule, material=[name]) for name in materials]
+    return [file for files in made if all(map(os.path.exists, files)) for file in files]
+
+
 def animation_files(wildcards):
-    """The animation of a material and what is said of it, where `snakemake animations` has made them."""
-    files = made_by(rules.draw_animation, material=[wildcards.material])
-    return files if all(os.path.exists(file) for file in files) else []
+    """The animation of a material, or of all, and what is said of it."""
+    return animated(rules.draw_animation, [wildcards.material] if wildcards else MATERIALS)
 
 
 def convergence_files(wildcards):
-    """The animation of a fit's starts, where `snakemake animations` has made it."""
-    files = made_by(rules.draw_convergence, material=[wildcards.material])
-    return [file for file in files if EIGHT_STARTS and os.path.exists(file)]
+    """The animation of a fit's starts, of a material or of all."""
+    materials = [wildcards.material] if wildcards else MATERIALS
+    return animated(rules.draw_convergence, materials) if EIGHT_STARTS else []
 
 
 def render_settings(wildcards):

@@ -54,17 +54,10 @@ LISTINGS = {
 }
 
 
-def redrawn(wildcards):
-    """What makes the listed files that are gone again, by rules that leave the list as it is; not where a file is gone
-    that a rule names, for that rule runs, and two jobs would write into one folder."""
-    named = set(made_by(rules.draw_figures, material=MATERIALS))
-    gone = {name: missing_files(name, folder) for name, folder in LISTINGS.items()}
-    lists = [
-        name.replace("results/", "results/redrawn/", 1)
-        for name, files in gone.items()
-        if files and named.isdisjoint(map(str, files))
-    ]
-    workflow.dag.forcefiles.update(lists)  # one that an earlier run left there, as with --notemp, would hide the loss
+def lost_listed(wildcards):
+    """Lists of files some of which are gone: the rule that makes them runs again, before pages and PDF that show them."""
+    lists = [name for name, folder in LISTINGS.items() if missing_files(name, folder)]
+    workflow.dag.forcefiles.update(lists)
     return lists
 
 

@@ -110,19 +110,3 @@ rule draw_summary:
 
 
 # Where a listed picture is gone, its material's are drawn again, and nothing that is made of them.
-use rule draw_pictures as redraw_pictures with:
-    output:
-        listing=temp("results/redrawn/pictures/{material}.json"),
-    log:
-        "results/logs/redraw_pictures/{material}.log",
-    benchmark:
-        "results/benchmarks/redraw_pictures/{material}.tsv"
-
-
-use rule draw_figures as redraw_figures with:
-    output:
-        listing=temp("results/redrawn/figures/{material}.json"),
-    log:
-        "results/logs/redraw_figures/{material}.log",
-    benchmark:
-        "results/benchmarks/redraw_figures/{material}.tsv"

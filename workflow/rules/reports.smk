@@ -49,15 +49,6 @@ rule write_fits:
         "../scripts/write_fits.py"
 
 
-use rule write_fits as rewrite_fits with:
-    output:
-        listing=temp("results/redrawn/fit_files/{material}.json"),
-    log:
-        "results/logs/rewrite_fits/{material}.log",
-    benchmark:
-        "results/benchmarks/rewrite_fits/{material}.tsv"
-
-
 rule write_material_page:
     input:
         facts="results/materials/{material}.json",

@@ -42,6 +42,8 @@ rule record_reports:
     input:
         REPORT,
         made_by(rules.write_standings),
+        animation_files,
+        convergence_files,
     output:
         update("results/reports.tsv"),
     log:
