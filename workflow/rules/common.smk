@@ -19,6 +19,8 @@ BATCHES_MB = 12 * config["render"]["batches"] * MEGAPIXELS
 
 
 onstart:
+    gc.freeze()
+    gc.enable()
     # Snakemake's limit of jobs a second (9.27) adds a timer with every job that ends, and each asks every second which
     # jobs are ready: after some hundred jobs the main process needs a core for it. A local run needs no limit.
     if workflow.local_exec:

@@ -25,8 +25,7 @@ from brdfatlas.rendering.scenes import read_scenes
 from brdfatlas.settings import located
 
 # A plan makes millions of objects that stay: to look for those that do not takes a sixth of its time.
-gc.freeze()
-gc.set_threshold(500_000, 20, 20)
+gc.disable()
 
 # Snakemake hands this path to a shell as it is: a project's folder may have spaces and quotes.
 if Path(sys.executable).exists():  # not quoted yet

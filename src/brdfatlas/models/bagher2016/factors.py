@@ -12,7 +12,6 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from brdfatlas.angles import (
     GRID_SHAPE,
@@ -210,6 +209,8 @@ def relative(history: list[float], power: float) -> list[float]:
 
 def nearest_filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     """``values`` with every entry outside ``known`` replaced by the nearest known one."""
+    from scipy.ndimage import distance_transform_edt
+
     if known.all() or not known.any():
         return values
     index = distance_transform_edt(~known, return_distances=False, return_indices=True)
