@@ -183,7 +183,7 @@ def test_a_fit_without_a_value_where_the_material_has_one_has_failed(tmp_path):
     fit_job([entry.plain], 0, files[0], False, {"holed": files[1:]}, {"holed": ""}, str(tmp_path / "made"))
     report = read_json(files[2])
     assert report["status"] == "failed"
-    assert re.search(r"holed on constant: NaN or Inf at [\d,]+ measured cells", report["reason"])
+    assert re.search(r"^FitError: NaN or Inf at [\d,]+ measured cells", report["reason"])
     assert Path(files[1]).read_bytes() == b""
 
 
