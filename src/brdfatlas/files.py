@@ -82,7 +82,7 @@ def check_path(path: object) -> None:
         raise TypeError(f"{shown(repr(path))[:80]} is no path; give a str or a pathlib.Path")
 
 
-def check_name(path: str | os.PathLike) -> None:
+def check_length(path: str | os.PathLike) -> None:
     """FileFault for a name that no file system holds, TypeError for what is no path."""
     check_path(path)
     if any(len(os.fsencode(part)) > LONGEST for part in Path(path).parts) or len(os.fsencode(path)) > LONGEST_PATH:
@@ -136,7 +136,7 @@ def fingerprint(*told: Any) -> str:
 
 def _target(path: str | os.PathLike) -> Path:
     """Where writing to ``path`` goes: through links, and only to a regular file or a new one. FileFault if neither."""
-    check_name(path)
+    check_length(path)
     target = Path(os.path.realpath(path))
     if target.is_symlink():
         raise FileFault(f"{shown(path)}: a link to itself; name another output")

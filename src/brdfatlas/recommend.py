@@ -33,7 +33,7 @@ from brdfatlas.files import (
     ENDINGS,
     FileFault,
     atomic_path,
-    check_name,
+    check_length,
     check_new_folders,
     digests,
     ours,
@@ -180,7 +180,7 @@ def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]
     replace that are not of an earlier recommendation. FileFault, one line; TypeError for what is no path."""
     from brdfatlas.export import targets
 
-    check_name(folder)
+    check_length(folder)
     where = Path(folder).absolute()
     parent = next(path for path in (where, *where.parents) if os.path.lexists(path))
     if not os.fspath(folder) or not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
