@@ -164,10 +164,10 @@ def check_output(
     ending = target.suffix.lower()
     known = {ending for endings in ENDINGS.values() for ending in endings}.union(_OTHER_ENDINGS)
     if ending in known and ending not in ENDINGS[kind]:
-        raise FileFault(f"{name}: a {kind} is written, which ends in {' or '.join(ENDINGS[kind])}; name such an output")
+        raise FileFault(f"{name}: the {kind} to write ends in {' or '.join(ENDINGS[kind])}; name such an output")
     if target.exists() and not force and not ours(target, kind):
         raise FileFault(
-            f"{name}: exists, without the mark of a {kind} by brdfatlas; name another output, or replace it by --force"
+            f"{name}: exists, and is no {kind} that brdfatlas wrote; name another output, or replace it by --force"
         )
     check_new_folders(Path(path).parents, name)
     folder = next(parent for parent in target.parents if parent.exists())

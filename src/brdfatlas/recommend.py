@@ -181,6 +181,8 @@ def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]
     from brdfatlas.export import targets
 
     check_length(folder)
+    if folder == "-":
+        raise FileFault("-: several files are written, standard output cannot hold them; name a folder")
     where = Path(folder).absolute()
     parent = next(path for path in (where, *where.parents) if os.path.lexists(path))
     if not os.fspath(folder) or not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):

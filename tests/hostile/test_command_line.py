@@ -165,6 +165,11 @@ def test_what_a_shell_has_not_replaced_makes_no_folder(refused, linked, output):
     refused(["recommend", "measured.binary", "--models", "lambert", "-o", folder], "write the path in full")
 
 
+def test_standard_output_is_no_folder(refused, linked):
+    linked("measured.binary")
+    refused(["recommend", "measured.binary", "--models", "lambert", "-o", "-"], "several files", "name a folder")
+
+
 def test_a_folder_of_any_name_that_is_there_is_used(linked, tmp_path, monkeypatch):
     linked("measured.binary")
     monkeypatch.chdir(tmp_path)

@@ -333,6 +333,23 @@ def test_a_table_keeps_its_pairs_whatever_often_it_is_converted(tmp_path):
         source = output
 
 
+def test_pairs_that_are_there_twice_are_worth_a_word_where_their_values_differ(tmp_path):
+    """A regular table names the pair of two normals once for each azimuth."""
+    wi, wo = tables.regular_directions(20)
+    values = np.full((len(wi), 3), 0.2)
+    for change, told in ((1.0, False), (1.01, True)):
+        values[0] *= change
+        tables.write_csv(
+            tmp_path / "m.csv",
+            np.concatenate([wi, wi[:1]]),
+            np.concatenate([wo, wo[:1]]),
+            np.concatenate([values, [[0.2] * 3]]),
+            "measured",
+            "f",
+        )
+        assert any("averaged" in note for note in brdfatlas.read(tmp_path / "m.csv").provenance.warnings) is told
+
+
 def test_convert_to_a_table_and_back(tmp_path):
     """A fit of Lambert's kind on a chosen set of directions is read as a reconstruction of the same values."""
     from brdfatlas.cli import main

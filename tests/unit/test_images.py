@@ -1,6 +1,7 @@
 """Images: what is written is what is read, and what cannot be read says so in one line."""
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from brdfatlas.rendering.images import ImageError, Render, load_exr, load_render, read_meta, save_render, tone_map
@@ -62,3 +63,11 @@ def test_tone_map():
     values = tone_map(np.array([0.0, 0.5, 1.0, 50.0]), 1.0, 1.0)
     np.testing.assert_allclose(values, [0, 1 - 2**-0.5, 0.5, 1], atol=1e-12)
     assert tone_map(np.array(1.0), 1.0, 2.2) == pytest.approx(0.5 ** (1 / 2.2))
+
+
+def test_one_of_several_pictures_in_a_file_is_not_chosen(tmp_path):
+    pixels = {"RGB": np.ones((2, 3, 3), np.float32)}
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, pixels, name=name) for name in ("left", "right")]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    with pytest.raises(ImageError, match=r"a\.exr: .*2 pictures in one file"):
+        load_exr(tmp_path / "a.exr")

@@ -262,7 +262,7 @@ def test_variants_without_rgb_are_refused_in_one_line(name):
 
     from brdfatlas.rendering import use_variant
 
-    with pytest.raises(ValueError, match=f"rendering.variant: {name}: brdfatlas renders in rgb") as caught:
+    with pytest.raises(ValueError, match=f"render.variant: {name}: brdfatlas renders in rgb") as caught:
         use_variant(name)
     assert "\n" not in str(caught.value)
     if name in mi.variants():

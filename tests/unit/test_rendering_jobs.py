@@ -171,7 +171,7 @@ def test_render_file(here):
         ({"size": 0}, "render.size"),
         ({"integrator": "magic"}, "magic"),
         ({"variant": "magic_rgb"}, "magic_rgb"),
-        ({"variant": None}, "rendering.variant: None"),
+        ({"variant": None}, "render.variant: None"),
     ):
         with pytest.raises(ValueError, match=message):
             jobs.render_file(here / "m.binary", **({"scene": "a", "scenes": scenes, "size": 8} | arguments))

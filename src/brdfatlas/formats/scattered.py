@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 FLOOR = 1e-3
 #: How far values of one pair of directions may differ before they disagree.
 DISAGREE = 0.2
+#: How far equal values differ in a text of six digits.
+ROUNDING = 1e-5
 #: Samples up to which one spline goes through all; more are interpolated by their nearest NEIGHBOURS.
 MOST_GLOBAL, NEIGHBOURS = 3000, 40
 #: Added to the kernel's diagonal: noise of neighbouring samples is not swung between.
@@ -121,7 +123,8 @@ def _within(equations, points, margin):
 
 
 def unique(path, samples: Samples) -> tuple[Samples, tuple[str, ...]]:
-    """Samples with each pair of directions once, mean values where it was there more often; and the word on it.
+    """Samples with each pair of directions once, mean values where it was there more often; and the word on it, unless
+    they are equal to ROUNDING.
 
     MeasuredError, naming both places, where two values of one pair, in the same order, differ by more than DISAGREE.
     """
@@ -145,6 +148,8 @@ def unique(path, samples: Samples) -> tuple[Samples, tuple[str, ...]]:
         )
     order = np.sort(first)
     kept = Samples(samples.wi[order], samples.wo[order], mean[inverse[order]], samples.places[order])
+    if not (gap > ROUNDING * np.abs(mean).max(-1)[inverse]).any():  # at the normal a table names one pair often
+        return kept, ()
     return kept, (f"{len(key) - len(first):,} pairs of directions are there more than once; their values are averaged",)
 
 

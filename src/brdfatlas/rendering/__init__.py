@@ -31,10 +31,10 @@ def _use_variant(variant: str, threads: int | None) -> ModuleType:
     import mitsuba as mi
 
     if variant not in mi.variants():
-        raise ValueError(f"rendering.variant: Mitsuba has no variant {variant!r}; it has {', '.join(mi.variants())}")
+        raise ValueError(f"render.variant: Mitsuba has no variant {variant!r}; it has {', '.join(mi.variants())}")
     if variant.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
         raise ValueError(
-            f"rendering.variant: {variant} needs an NVIDIA GPU with its driver, and there is none here; "
+            f"render.variant: {variant} needs an NVIDIA GPU with its driver, and there is none here; "
             "choose llvm_ad_rgb or scalar_rgb"
         )
     if mi.variant() != variant:
@@ -68,7 +68,7 @@ def _check(variant: str) -> None:
     """Measured values are rgb: a spectral, monochrome or polarized variant has no use for them."""
     if not str(variant).endswith("_rgb"):
         raise ValueError(
-            f"rendering.variant: {variant}: brdfatlas renders in rgb; choose llvm_ad_rgb, cuda_ad_rgb or scalar_rgb"
+            f"render.variant: {variant}: brdfatlas renders in rgb; choose llvm_ad_rgb, cuda_ad_rgb or scalar_rgb"
         )
 
 

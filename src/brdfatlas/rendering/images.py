@@ -83,6 +83,8 @@ def _open(path: str | os.PathLike) -> tuple[dict, dict[str, np.ndarray]]:
             if file.read(4) != EXR:  # OpenEXR says that it cannot open the file
                 raise ValueError("another kind of file; `brdfatlas render -o NAME.exr` writes one")
         with OpenEXR.File(str(path), header_only=True) as file:
+            if len(file.parts) > 1:
+                raise ValueError(f"{len(file.parts)} pictures in one file; save the one that counts alone")
             (left, top), (right, bottom) = file.header()["dataWindow"]
         if (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1) > MOST_PIXELS:
             raise ValueError(f"more than {MOST_PIXELS:,} pixels")

@@ -51,7 +51,7 @@ BAGHER_2016 = Paper(
 )
 OBJECTIVE = "compressive (relative)"
 OPTIONS: Mapping[str, Option] = {
-    "power": Option(1.4, "exponent p of the compressive weight; 0 fits without it", low=0.0),
+    "power": Option(1.4, "exponent p of the compressive weight; 0 fits without it", low=0.0, high=10.0),
     "max_angle": Option(89.0, "samples with theta_i or theta_o beyond this many degrees are left out", (89.0, 80.0)),
     "measure": Option("slice", "w_V as published, or the exact measure of direction pairs", ("slice", "pairs")),
 }
