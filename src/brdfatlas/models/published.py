@@ -59,7 +59,7 @@ def published_parameters(model: str, material: str) -> dict[str, np.ndarray]:
     with near matches) or ValueError for a model without a table.
     """
     table = published_table(model)
-    check_name(material)
+    check_published(material)
     row = table[material]
     parameters = {name: np.array([row[f"{name}_{c}"] for c in "rgb"], float) for name in ("kd", "ks")}
     for column in row:
@@ -71,7 +71,7 @@ def published_parameters(model: str, material: str) -> dict[str, np.ndarray]:
 
 def published_psnr(material: str) -> dict[str, float]:
     """Published PSNR in dB by model (scene unknown); models whose caption did not survive are left out."""
-    check_name(material)
+    check_published(material)
     return {model: value for model, value in _table("psnr")[material].items() if np.isfinite(value)}
 
 
@@ -80,7 +80,7 @@ def published_means() -> list[dict[str, Any]]:
     return [row | {"value": float(row["value"]), "materials": int(row["materials"])} for row in _rows("means.csv")]
 
 
-def check_name(material: str) -> None:
+def check_published(material: str) -> None:
     """Raise UnknownMaterialError unless ``material`` is one of the 100."""
     names = published_names()
     if material in names:

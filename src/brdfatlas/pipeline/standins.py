@@ -13,7 +13,7 @@ import numpy as np
 from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.formats.merl import write_merl
 from brdfatlas.measured import Measured
-from brdfatlas.models.published import check_name, published_names, published_parameters
+from brdfatlas.models.published import check_published, published_names, published_parameters
 from brdfatlas.models.three_lobe.ashikhmin_shirley import AshikhminShirley
 from brdfatlas.models.three_lobe.base import LobeModel
 from brdfatlas.models.three_lobe.cook_torrance import CookTorrance
@@ -34,7 +34,7 @@ def make_standin(material: str) -> Measured:
 
     Raises UnknownMaterialError (one line with near matches).
     """
-    check_name(material)
+    check_published(material)
     tables = [_reciprocal_table(model, material) for model in PUBLISHED_MODELS]
     table = _median_of_five(tables)
     table[~above_horizon()] = np.nan
