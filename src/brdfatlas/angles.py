@@ -52,10 +52,11 @@ def directions(theta_h, theta_d, phi_d) -> tuple[np.ndarray, np.ndarray]:
 
 
 def unit_vectors(wi, wo) -> tuple[np.ndarray, np.ndarray]:
-    """Directions as a caller has them, (..., 3) each, as float64 of one shape (..., 3); a masked one is NaN.
+    """Directions as a caller has them, (..., 3) each, as float64 of one shape (..., 3); a masked or infinite one is
+    NaN.
 
     ValueError for what are none, for two shapes that do not broadcast, and for vectors of another length than 1, which
-    every model would take for a direction that nobody meant; those that are not finite pass.
+    every model would take for a direction that nobody meant; those with NaN pass.
     """
     try:
         arrays = [np.ma.asarray(w).astype(float, casting="same_kind", copy=False) for w in (wi, wo)]
@@ -66,15 +67,20 @@ def unit_vectors(wi, wo) -> tuple[np.ndarray, np.ndarray]:
         if shape[-1:] != (3,):
             raise ValueError(f"directions of shape {shape}; (..., 3) is needed")
     try:
-        wi, wo = np.broadcast_arrays(*(np.ma.filled(w, np.nan) for w in arrays))
+        wi, wo = np.broadcast_arrays(*(_nan_for_inf(np.ma.filled(w, np.nan)) for w in arrays))
     except ValueError:
         raise ValueError(f"directions of shapes {one} and {other}, which do not broadcast to one") from None
     for w in (wi, wo):
-        length = np.linalg.norm(w, axis=-1)
-        off = np.isfinite(length) & (np.abs(length - 1) > 1e-3)
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(w, axis=-1)
+        off = np.abs(length - 1) > 1e-3
         if off.any():
             raise ValueError(f"a direction of length {np.extract(off, length)[0]:.4g}; unit vectors are needed")
     return wi, wo
+
+
+def _nan_for_inf(w: np.ndarray) -> np.ndarray:
+    return np.where(np.isinf(w), np.nan, w) if np.isinf(w).any() else w
 
 
 def half_difference(wi, wo, full_circle: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

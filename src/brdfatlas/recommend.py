@@ -311,6 +311,20 @@ def _without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+@contextmanager
+def _apart_from_folder() -> Iterator[None]:
+    """What is started in the block imports nothing from the working folder, where a `struct.py` of somebody may be."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
+
+
 def _work(entry: Entry, seed: int) -> tuple[str, Fit | str]:
     assert _measured is not None
     return _fit_one(_measured, entry, seed)
@@ -346,7 +360,7 @@ def _fit_all(
             raise OSError(error.errno, f"{error.strerror}; set TMPDIR to a folder with room", folder) from None
         with ProcessPoolExecutor(min(processes, len(order)), context, _start_worker, (path,)) as pool:
             try:
-                with _starting, _without_interrupts():
+                with _starting, _apart_from_folder(), _without_interrupts():
                     others = set(multiprocessing.active_children())
                     try:
                         futures = [pool.submit(_work, entry, seed) for entry in order]

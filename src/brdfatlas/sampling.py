@@ -31,7 +31,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from brdfatlas.files import read_json
+from brdfatlas.angles import unit_vectors
+from brdfatlas.files import read_json, shown
 from brdfatlas.microfacet import ggx_ndf
 
 FORMAT = "brdfatlas-sampler-1"
@@ -296,24 +297,27 @@ KINDS: dict[str, type[Lobe]] = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mixture(Sampler):
-    """Lobes chosen by their weights; the pdf is the weighted sum (Eq. 42)."""
+    """Lobes chosen by their weights; the pdf is the weighted sum (Eq. 42). ValueError for directions that are no unit
+    vectors (..., 3)."""
 
     lobes: Sequence[Lobe]
     weights: np.ndarray
 
     def sample(self, u: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        u, wo = _broadcast(u, wo)
+        u, wo = _broadcast(u, unit_vectors(wo, wo)[0])
         edges = np.cumsum(self.weights)[:-1]
         chosen = np.searchsorted(edges, u[..., 0], side="right")
         wi = np.empty(wo.shape)
         for index, lobe in enumerate(self.lobes):
             mask = chosen == index
             wi[mask] = lobe.sample(u[mask], wo[mask])
+        wi[~(wo[..., 2] > 0)] = REJECTED
         return wi
 
     def pdf(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        wi, wo = unit_vectors(wi, wo)
         return sum(float(w) * lobe.pdf(wi, wo) for w, lobe in zip(self.weights, self.lobes))  # type: ignore[return-value]
 
 
@@ -345,22 +349,38 @@ def sampler_as_data(sampler: Sampler) -> dict[str, Any]:
 
 def sampler_from(description: Mapping[str, Any]) -> Mixture:
     """The sampler of a description. ValueError says what is wrong with it."""
-    if description.get("format") != FORMAT:
-        raise ValueError(f"not a sampler description: format {description.get('format')!r}, expected {FORMAT!r}")
-    lobes, weights = [], []
-    for entry in description["lobes"]:
-        numbers = {
-            key: tuple(float(v) for v in value) if isinstance(value, list | tuple) else float(value)
-            for key, value in entry.items()
-            if key not in ("kind", "weight")
-        }
-        if entry["kind"] not in KINDS:
-            raise ValueError(f"unknown lobe kind {entry['kind']!r}; known: {', '.join(KINDS)}")
-        lobes.append(KINDS[entry["kind"]](**numbers))
-        weights.append(float(entry["weight"]))
-    return Mixture(lobes, np.array(weights))
+    found = description.get("format") if isinstance(description, Mapping) else None
+    if found != FORMAT:
+        raise ValueError(f"not a sampler description: format {found!r}, expected {FORMAT!r}")
+    try:
+        lobes = [_lobe_from(entry) for entry in description["lobes"]]
+        weights = np.array([float(entry["weight"]) for entry in description["lobes"]])
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(f"a lobe of the sampler lacks something or is none ({error})") from None
+    if not (weights >= 0).all() or not abs(weights.sum() - 1) < 1e-6:  # else the pdf integrates to another number
+        raise ValueError(f"weights of the lobes {weights.tolist()}: they are 0 or more and their sum is 1")
+    return Mixture(lobes, weights)
+
+
+def _lobe_from(entry: Mapping[str, Any]) -> Lobe:
+    """One lobe of a description. ValueError, KeyError, TypeError or AttributeError for what is none."""
+    numbers = {
+        key: tuple(float(v) for v in value) if isinstance(value, list | tuple) else float(value)
+        for key, value in entry.items()
+        if key not in ("kind", "weight")
+    }
+    if str(entry["kind"]) not in KINDS:
+        raise ValueError(f"unknown lobe kind {entry['kind']!r}; known: {', '.join(KINDS)}")
+    for key, value in numbers.items():
+        if not np.isfinite(value).all() or (key in ("alpha", "R") and not value > 0):
+            raise ValueError(f"{entry['kind']}: {key} is {value}, no width above 0 or no number")
+    return KINDS[entry["kind"]](**numbers)
 
 
 def load_sampler(path: str | os.PathLike) -> Mixture:
-    """The sampler of a JSON file that holds :func:`sampler_as_data`."""
-    return sampler_from(read_json(path))
+    """The sampler of a JSON file that holds :func:`sampler_as_data`. ValueError names the file and what is wrong."""
+    description = read_json(path)
+    try:
+        return sampler_from(description)
+    except ValueError as error:
+        raise ValueError(f"{shown(path)}: {error}; export the sampler again") from None

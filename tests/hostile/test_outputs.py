@@ -31,7 +31,10 @@ WRITERS = {
         ["render", "measured.binary", "--scenes", "scenes.yaml", "--scene", "mine", "--size", "8", "-o", "{o}"],
         ["measured.binary", "scenes.yaml", "probe.exr"],
     ),
-    "render of a fit": (["render", "ggx.npz", "--size", "8", "-o", "{o}"], ["ggx.npz"]),
+    "render of a fit": (
+        ["render", "ggx.npz", "--reference", "measured.binary", "--size", "8", "-o", "{o}"],
+        ["ggx.npz", "measured.binary"],
+    ),
 }
 PAIRS = [(command, name) for command, (_, names) in WRITERS.items() for name in names]
 RIGHT = {"fit": ".npz", "fit of one's own": ".npz", "table": ".binary", "export": ".json", "export --sampler": ".json"}

@@ -23,6 +23,7 @@ READERS = {
     "compare, second": ["compare", "measured.binary", "{x}"],
     "render": ["render", "{x}", "--size", "8", "-o", "out.exr"],
     "render --scenes": ["render", "measured.binary", "--scenes", "{x}", "-o", "out.exr"],
+    "render --reference": ["render", "ggx.npz", "--reference", "{x}", "-o", "out.exr"],
     "image-errors, reference": ["image-errors", "{x}", "picture.exr"],
     "image-errors, image": ["image-errors", "picture.exr", "{x}"],
 }

@@ -322,10 +322,12 @@ def report_of(fit):
         ({"objective": 0.5, "entry": "another"}, "its entry is another"),
         ({"objective": 0.5, "model": "ggx"}, "its model is another"),
         ({"objective": 0.5, "model": None}, "its model is another"),
+        ({"objective": 0.5, "sha256": "0" * 64}, "it is about another file"),  # fitted again, with other options
     ],
 )
 def test_a_report_of_another_fit_is_not_believed(tmp_path, capsys, changes, told):
     fit = replace(fit_of("gltf"), report={})
+    fit.save(tmp_path / "fit.npz")
     (tmp_path / "fit.json").write_text(json.dumps(report_of(fit) | {"objective_name": "x"} | changes))
     assert facts(with_report(fit, tmp_path / "fit.npz"))["error"] == "not stored with the fit"
     said = capsys.readouterr().err

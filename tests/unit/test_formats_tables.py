@@ -276,6 +276,9 @@ def test_what_is_no_measurement_is_called_so(tmp_path):
     for name, data, words in [
         ("a.gz", b"\x1f\x8b\x08\0", "gunzip"),
         ("a.zip", b"PK\3\4" + bytes(40), "unpack"),
+        ("a.csv", b"\x1f\x8b\x08\0", "gunzip"),
+        ("a.binary", b"\x1f\x8b\x08\0" + bytes(40), "gunzip"),
+        ("a.bsdf", b"PK\3\4" + bytes(40), "unpack"),
         ("a.png", b"\x89PNG\r\n", "no file of measured reflectance"),
         ("empty", b"", "empty"),
     ]:

@@ -11,6 +11,7 @@ from brdfatlas.models.base import Factors, Function, Result
 from brdfatlas.recommend import Recommendation
 from brdfatlas.rendering.images import Render
 from brdfatlas.rendering.scenes import PreparedScene, SceneError
+from brdfatlas.sampling import Mixture
 
 UP = np.array([0.0, 0.0, 1.0])
 LAMBERT = MODELS["lambert"]
@@ -57,6 +58,17 @@ def test_directions(wrong):
             one_line(ValueError, "^directions ", evaluate, *pair)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_direction_that_is_not_finite_has_no_value_and_one_that_is_too_long_is_refused():
+    for evaluate in (FIT.evaluate, MEASURED.evaluate, MEASURED.evaluate_measured):
+        for value in (np.nan, np.inf, -np.inf):
+            for wrong in ([0.0, value, 1.0], [value, value, value]):
+                assert np.isnan(evaluate(wrong, UP)).all()
+                assert np.isnan(evaluate(UP, wrong)).all()
+        for length in (1e200, 1e308):
+            one_line(ValueError, "^a direction of length inf", evaluate, [length, 0.0, 0.0], UP)
+
+
 def test_directions_of_any_numbers_that_broadcast():
     for evaluate in (FIT.evaluate, MEASURED.evaluate, MEASURED.evaluate_measured):
         assert evaluate([0, 0, 1], np.tile(UP, (4, 2, 1)).astype(np.float32)).shape == (4, 2, 3)
@@ -82,7 +94,7 @@ def test_numbers_of_a_recommendation(options, kind, words):
 
 
 @pytest.mark.parametrize(
-    "kind", [Fit, brdfatlas.Measured, Render, Recommendation, Function, Factors, Result, PreparedScene]
+    "kind", [Fit, brdfatlas.Measured, Render, Recommendation, Function, Factors, Result, PreparedScene, Mixture]
 )
 def test_what_holds_arrays_is_not_compared_by_its_fields(kind):
     """NumPy would say that the truth value of an array is ambiguous."""

@@ -1,5 +1,6 @@
 import json
 import multiprocessing
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -91,6 +92,15 @@ def test_a_worker_that_may_have_none_fits_by_itself(material, found):
         call = partial(brdfatlas.recommend, models=["lambert", "gltf"], **SMALL | {"processes": 2})
         made = pool.apply(call, (material,))
     assert {name: found.fits[name] for name in made.fits} == made.fits
+
+
+def test_workers_import_nothing_from_the_working_folder(material, found, tmp_path, monkeypatch):
+    (tmp_path / "struct.py").write_text("raise ImportError('of the user')")
+    monkeypatch.chdir(tmp_path)
+    before = dict(os.environ)
+    made = brdfatlas.recommend(material, models=["lambert", "gltf"], **(SMALL | {"processes": 2}))
+    assert {name: found.fits[name] for name in made.fits} == made.fits
+    assert os.environ == before
 
 
 def test_a_budget_leaves_what_fits_in_it(material):

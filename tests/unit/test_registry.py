@@ -30,6 +30,11 @@ def test_every_entry_of_the_package_can_be_used():
     assert list(MODELS) == list(builtin_entries())
 
 
+def test_a_short_citation_names_who_wrote():
+    assert MODELS["gltf"].paper.short == "Khronos 2022"
+    assert MODELS["ggx"].paper.short == "Dupuy et al. 2015"
+
+
 def test_stable_names_stand_for_a_class_with_options():
     told = {name: (MODELS.entry(name).model, dict(MODELS.entry(name).options)) for name in MODELS}
     assert told["low_rank_2"] == ("low_rank", {"rank": 2})

@@ -12,6 +12,8 @@ import pytest
 import yaml
 from rendering_materials import material, variant
 
+import brdfatlas
+from brdfatlas.cli import main
 from brdfatlas.files import write_json
 from brdfatlas.fits import fit
 from brdfatlas.formats.merl import write_merl
@@ -179,6 +181,27 @@ def test_render_file(here):
         jobs.render_file(3, "a", scenes=scenes)
     with pytest.raises(MeasuredError, match=r"absent\.binary"):
         jobs.render_file(here / "absent.binary", "a", scenes=scenes)
+
+
+def test_a_fit_beside_its_reference_has_the_picture_of_a_run(here):
+    """The mask, the random numbers and the sampling are the reference's, of which half was not measured."""
+    table = material(0.3).table.copy()
+    table[:, 45:] = np.nan
+    write_merl(here / "half.binary", table)
+    measured, fitted = brdfatlas.read(here / "half.binary"), brdfatlas.load_fit(here / "ggx.npz")
+    settings = {"samples": 16, "seed": 3}
+    pictures = jobs.render_models(load_scene(here / "a.npz"), measured, {"ggx": fitted.table()}, **settings)
+    for item, reference in ((fitted, measured), (here / "ggx.npz", here / "half.binary")):
+        options = settings | {"size": 16, "scenes": here / "scenes.yaml"}
+        beside = jobs.render_file(item, "a", reference=reference, **options)
+        np.testing.assert_array_equal(beside.mean, pictures["ggx"].mean)
+        assert beside.meta["model"] == "ggx"
+        assert np.abs(beside.mean - jobs.render_file(item, "a", **options).mean).max() > 0
+    output = here / "out.exr"
+    command = ["render", str(here / "ggx.npz"), "--reference", str(here / "half.binary"), "-o", str(output)]
+    command += ["--scenes", str(here / "scenes.yaml"), "--scene", "a", "--size", "16", "--spp", "16", "--seed", "3"]
+    assert main(command) == 0
+    np.testing.assert_array_equal(load_render(output).mean, pictures["ggx"].mean)
 
 
 def test_the_papers_scenes_are_valid():

@@ -5,6 +5,8 @@ they fall below the horizon. So every chi-square test here has one bin more than
 the missing mass as their expectation. Where nothing is missing that bin is empty and the pdf integrates to one.
 """
 
+import json
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -203,6 +205,50 @@ def test_below_the_surface_is_zero():
     for lobe in LOBES.values():
         assert lobe.pdf(below, outgoing(30)) == 0
         assert lobe.pdf(outgoing(30), below) == 0
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_mixture_takes_unit_vectors_alone_and_rejects_what_comes_from_below(model):
+    sampler = Fit(model, "pvc", published_parameters(model, "pvc")).sampler()
+    u, below = np.random.default_rng(3).random((20, 3)), np.array([0.6, 0.0, -0.8])
+    assert (sampler.sample(u, below) == [0, 0, -1]).all()
+    assert (sampler.sample(u, [1.0, 0.0, 0.0]) == [0, 0, -1]).all()
+    for wrong in (2 * outgoing(30), [0.0, 1.0], [1e200, 0.0, 0.0]):
+        for call, pair in (
+            (sampler.pdf, (wrong, outgoing(30))),
+            (sampler.pdf, (outgoing(30), wrong)),
+            (sampler.sample, (u, wrong)),
+        ):
+            with pytest.raises(ValueError, match="direction"):
+                call(*pair)
+
+
+LACKS = "a lobe of the sampler lacks something or is none"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ([1], "format None"),
+        ({"lobes": 3}, LACKS),
+        ({"lobes": []}, "weights of the lobes"),
+        ({"lobes": [{"kind": "diffuse"}]}, LACKS),
+        ({"lobes": [{"kind": "diffuse", "weight": None}]}, LACKS),
+        ({"lobes": [{"kind": "diffuse", "weight": 2}]}, "their sum is 1"),
+        ({"lobes": [{"kind": "diffuse", "weight": 2}, {"kind": "ggx", "alpha": 0.1, "weight": -1}]}, "their sum is 1"),
+        ({"lobes": [{"kind": "ggx", "alpha": -0.1, "weight": 1}]}, "alpha is -0.1"),
+        ({"lobes": [{"kind": "ggx", "alpha": float("nan"), "weight": 1}]}, "alpha is nan"),
+        ({"lobes": [{"kind": "ggx", "weight": 1}]}, LACKS),
+        ({"lobes": [{"kind": "ggx", "alpha": 0.1, "beta": 1, "weight": 1}]}, LACKS),
+        ({"lobes": [{"kind": ["ggx"], "alpha": 0.1, "weight": 1}]}, "unknown lobe kind"),
+    ],
+)
+def test_a_file_that_describes_no_sampler_is_named(tmp_path, changes, words):
+    told = describe_sampler(Fit("ward", "x", published_parameters("ward", "pvc")))
+    (tmp_path / "s.json").write_text(json.dumps(told | changes if isinstance(changes, dict) else changes))
+    with pytest.raises(ValueError, match=rf"s\.json: .*{words}") as caught:
+        load_sampler(tmp_path / "s.json")
+    assert "\n" not in str(caught.value)
 
 
 def test_export_is_the_sampler(tmp_path):

@@ -48,6 +48,27 @@ def test_round_trip(tmp_path):
         texture.fit("brass")
 
 
+@pytest.mark.parametrize("model", ["independent_g", "g_from_d"])
+def test_a_shader_written_from_the_layout_gives_the_fit(model):
+    """Up to the horizon: an independent evaluation, by what the module's text says alone."""
+    fit = random_fit(model, "a", 7)
+    row = build_uber_texture([fit]).texels[0].astype(float)
+    random = np.random.default_rng(8)
+    theta, phi = np.deg2rad(random.uniform(0, [[60], [90]], (2, 3000))), random.uniform(0, 2 * np.pi, (2, 3000))
+    theta[1, :500] = np.deg2rad(random.uniform(88.5, 89.99, 500))
+    wi, wo = np.moveaxis([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 0, -1)
+
+    def texel(first, place):
+        return np.stack([np.interp(place, np.arange(90), row[first : first + 90, c]) for c in range(3)], -1)
+
+    half = (wi + wo) / np.linalg.norm(wi + wo, axis=-1, keepdims=True)
+    theta_h, theta_d = np.arccos(half[:, 2]), np.arccos((half * wi).sum(-1))
+    value = texel(0, np.sqrt(theta_h / (np.pi / 2)) * 90 - 0.5) * texel(90, theta_d / (np.pi / 2) * 90 - 0.5)
+    for angle in np.minimum(theta, np.deg2rad(89)):
+        value *= texel(180, angle / (np.pi / 2) * 89) / np.cos(angle)[:, None]
+    np.testing.assert_allclose(row[270] + row[271] * value, fit.evaluate(wi, wo), rtol=5e-3)
+
+
 def test_what_makes_no_texture(tmp_path):
     one = random_fit("independent_g", "a", 0)
     for fits, reason in (

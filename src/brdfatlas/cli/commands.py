@@ -402,6 +402,8 @@ def render_command(args: argparse.Namespace) -> dict[str, Any]:
 
     check_output(args.named, "picture", scene_files(args.scene, args.scenes), force=True)
     item = load(args.file, args.source)
+    if args.reference:
+        check_input(args.reference)
     with contextlib.redirect_stdout(sys.stderr):  # OpenEXR prints of a damaged file
         render = render_file(
             item,
@@ -412,6 +414,7 @@ def render_command(args: argparse.Namespace) -> dict[str, Any]:
             scenes=args.scenes,
             integrator=args.integrator,
             variant=args.variant,
+            reference=read_aloud(args.reference) if args.reference else None,
         )
     save_picture(args.output, render)
     spp = int(render.meta["samples"])  # a multiple of the batches

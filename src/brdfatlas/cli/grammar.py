@@ -156,7 +156,7 @@ def parser() -> argparse.ArgumentParser:
     sub = command("compare", compare_command, ["a", "b"], source=True)
     sub.add_argument("a", metavar="A", help="measured file or fit, the reference")
     sub.add_argument("b", metavar="B", help="measured file or fit")
-    add_render(command("render", render_command, ["file", "scenes"], "picture", source=True))
+    add_render(command("render", render_command, ["file", "scenes", "reference"], "picture", source=True))
     sub = command("image-errors", image_errors_command, ["reference", "image"])
     sub.add_argument("reference", metavar="REFERENCE.exr", help="picture that is right")
     sub.add_argument("image", metavar="IMAGE.exr", help="picture to judge")
@@ -176,6 +176,12 @@ def add_render(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--seed", type=whole(0, 2**32 - 1), default=1, help="of the random numbers of the render")
     sub.add_argument("--scenes", metavar="FILE.yaml", help="file that defines the scene, else the built-in scenes")
     sub.add_argument("--integrator", choices=("direct", "path"), default="direct", help="path: by stock Mitsuba")
+    sub.add_argument(
+        "--reference",
+        metavar="FILE",
+        help="measured file of a fit's material: the fit is drawn with its mask and random numbers, as `recommend` and "
+        "a run draw it, to be compared with its picture",
+    )
     sub.add_argument("--variant", default="llvm_ad_rgb", help="Mitsuba variant")
 
 

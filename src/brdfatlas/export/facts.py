@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfatlas.files import read_record, shown
+from brdfatlas.files import file_digest, read_record, shown
 from brdfatlas.fits import Fit, report_faults
 
 
@@ -76,6 +76,8 @@ def with_report(fit: Fit, path: str | os.PathLike) -> Fit:
         return fit  # another program's file of that name
     faults = [f"its {key} is another" for key in ("material", "entry", "model") if report.get(key) != getattr(fit, key)]
     faults += report_faults(report)
+    if "sha256" in report and report["sha256"] != file_digest(path):
+        faults.append("it is about another file")
     if faults:
         print(f"{shown(beside)}: not the report of {shown(path)} ({faults[0]}); the error is left out", file=sys.stderr)
         return fit

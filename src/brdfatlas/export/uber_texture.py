@@ -8,6 +8,9 @@ Layout: row y (0 at the top) is one material, in the order given. In texels, rgb
     x = 270, 271     rho_d, rho_s
     x = 272 .. 511   0
 
+Between texels values are linear in theta, for D in the root of theta_h. Above 89 degrees G and its cosine are those of
+89 degrees.
+
 Rows without a material are 0. The file is an EXR with float32 channels R, G, B and the string attributes
 ``brdfatlas:materials`` (names, one a line), ``brdfatlas:model`` and ``brdfatlas:standins`` (names of the stand-ins).
 """

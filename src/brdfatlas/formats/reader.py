@@ -55,7 +55,7 @@ def check(path: str | os.PathLike) -> None:
 def _module(path: str | os.PathLike) -> ModuleType:
     """The format's module; for a file of no known format, that whose names end so, which says what is wrong."""
     module = format_of(path)
-    if module is None:
+    if module is None and not read_bytes(path, 16).startswith(tuple(PACKED)):
         ending = os.path.splitext(os.fspath(path))[1].lower()
         module = next((m for m in FORMATS if ending in m.ENDINGS), None)
     if module is None:

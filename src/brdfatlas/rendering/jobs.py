@@ -222,8 +222,13 @@ def render_file(
     scenes: str | os.PathLike | None = None,
     integrator: str = "direct",
     variant: str = "llvm_ad_rgb",
+    reference: str | os.PathLike | Measured | None = None,
 ) -> Render:
     """Render a ``.binary``, a fit (``.npz``), or what was read from one, in a scene of ``scenes`` (config/scenes.yaml).
+
+    ``reference``: the material of a fit, whose mask of measured cells, sampling and random numbers the fit then has:
+    the picture of a run, to be compared with that of the material. A fit alone is drawn with its own values where
+    nothing was measured.
 
     ``integrator="path"`` traces paths with Mitsuba's own integrator: light that is reflected more than once. Raises
     ValueError (SceneError, MeasuredError, LlvmError) with one line that says what is wrong, TypeError for what is none
@@ -242,18 +247,21 @@ def render_file(
         raise TypeError(f"{item!r:.80} is no path, Measured or Fit")
     material = item.material if isinstance(item, Fit) else item.name
     model = item.entry if isinstance(item, Fit) else REFERENCE
-    if isinstance(item, Fit):
-        item = Measured(item.material, item.table(), item.standin)
+    table = item.table() if isinstance(item, Fit) else item.table
+    if reference is not None:
+        measured = reference if isinstance(reference, Measured) else read(reference)
+    else:
+        measured, table = Measured(material, table, item.standin) if isinstance(item, Fit) else item, None
     use_variant(variant)
     prepared = prepare_scene(scene, definitions[scene], size, source=str(source))
     for note in prepared.notes:
         print(note, file=sys.stderr)
     if integrator == "direct":
-        render = render_scene(prepared, item, samples=samples, batches=batches, seed=seed)
+        render = render_scene(prepared, measured, table, samples=samples, batches=batches, seed=seed)
     else:
         from brdfatlas.rendering.bsdf import reflectance_of
 
-        parts = stock_batches(prepared, reflectance_of(item), samples, batches, seed, integrator)
+        parts = stock_batches(prepared, reflectance_of(measured, table), samples, batches, seed, integrator)
         render = _with_labels(prepared, parts, samples, seed)
     notes = {"material": material, "model": model, "integrator": integrator, "standin": str(item.standin).lower()}
     return replace(render, meta=dict(render.meta) | notes)

@@ -5,6 +5,8 @@ import numpy as np
 from brdfatlas.angles import GRID_SHAPE, half_difference
 from brdfatlas.compiled import njit
 from brdfatlas.models.bagher2016.factors import (
+    AT_D,
+    AT_H,
     OBJECTIVE,
     OPTIONS,
     FactorModel,
@@ -41,7 +43,7 @@ class Bivariate(FactorModel):
     title = "Bivariate table"
     equations = "Eqs. 5, 7-14"
     formula = r"B(\theta_h, \theta_d)"
-    parameters = (Parameter("b", (3, 90, 90), "weighted mean of the BRDF over phi_d", "1/sr", 0.0),)
+    parameters = (Parameter("b", (3, 90, 90), f"weighted mean of the BRDF over phi_d, {AT_H} and {AT_D}", "1/sr", 0.0),)
     options = OPTIONS
 
     def fit(self, measured, *, seed: int = 0, **options) -> Result:

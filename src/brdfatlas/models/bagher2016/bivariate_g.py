@@ -4,6 +4,8 @@ import numpy as np
 
 from brdfatlas.models.bagher2016.awls import Channel, g_nodes, node_cosines
 from brdfatlas.models.bagher2016.factors import (
+    AT_D,
+    AT_H,
     RHO_D,
     ChannelFit,
     FactorModel,
@@ -46,7 +48,7 @@ class BivariateG(FactorModel):
     equations = "section 6, fitted with Eqs. 7-14"
     formula = r"\rho_d + \frac{B(\theta_h, \theta_d) G(\theta_i) G(\theta_o)}{\cos\theta_i \cos\theta_o}"
     status = "ours: the model section 6 of the paper proposes; the fit is ours"
-    parameters = (RHO_D, Parameter("b", (3, 90, 90), "B(theta_h, theta_d), tabulated", "1/sr", 0.0), G)
+    parameters = (RHO_D, Parameter("b", (3, 90, 90), f"B {AT_H} and {AT_D}, linear between", "1/sr", 0.0), G)
 
     def fit_channel(self, channel: Channel, seed: int, options, index: int) -> ChannelFit:
         problem, state, trace, reports = fit_table(channel, options, slices_state(channel, options))

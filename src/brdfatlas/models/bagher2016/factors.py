@@ -65,14 +65,19 @@ COS_LIMIT = np.cos(MAX_ANGLE)
 TOLERANCE = 2e-5
 
 
-def factor(name: str, symbol: str, of: str, count: int = 90) -> Parameter:
-    """A tabulated factor, one row a colour channel."""
-    return Parameter(name, (3, count), f"{symbol}({of}), tabulated, largest component 1", "1", 0.0, 1.0)
+#: Where tables have their values, in words: who writes a shader has no more than these.
+AT_H, AT_D = "at theta_h = 90 ((i + 0.5) / 90)^2 degrees", "at theta_d = i + 0.5 degrees"
+AT_G = "at theta_i or theta_o = 90 i / 89 degrees, above 89 degrees with its cosine as at 89"
+
+
+def factor(name: str, symbol: str, where: str, count: int = 90) -> Parameter:
+    """A tabulated factor, linear between its values, one row a colour channel."""
+    return Parameter(name, (3, count), f"{symbol} {where}; linear between, largest component 1", "1", 0.0, 1.0)
 
 
 RHO_D = Parameter("rho_d", (3,), "diffuse coefficient, division by pi included", "1/sr", 0.0)
 RHO_S = Parameter("rho_s", (3,), "specular coefficient, division by pi included", "1/sr", 0.0)
-D, F, G = factor("d", "D", "theta_h"), factor("f", "F", "theta_d"), factor("g", "G", "theta_i or theta_o")
+D, F, G = factor("d", "D", AT_H), factor("f", "F", AT_D), factor("g", "G", AT_G)
 #: Parameters that are 1 where there is nothing to fit; coefficients and tables are 0 there.
 FACTORS_OF_ONE = ("d", "f", "g", "h")
 

@@ -12,6 +12,8 @@ import numpy as np
 from brdfatlas.models.bagher2016.awls import CLAMP, Channel
 from brdfatlas.models.bagher2016.bivariate_g import fit_table
 from brdfatlas.models.bagher2016.factors import (
+    AT_D,
+    AT_H,
     ITERATIVE,
     RHO_D,
     ChannelFit,
@@ -35,8 +37,8 @@ HOLD = 1e-2
 
 def low_rank_parameters(rank: int) -> tuple[Parameter, ...]:
     """u, v, g, rho_d: 4 * 3 (180 rank + 91) bytes."""
-    u = Parameter("u", (3, rank, 90), "u_k(theta_h), carries the scale", "1/sr")
-    v = Parameter("v", (3, rank, 90), "v_k(theta_d), largest absolute value 1", "1", -1.0, 1.0)
+    u = Parameter("u", (3, rank, 90), f"u_k {AT_H}; linear between, carries the scale", "1/sr")
+    v = Parameter("v", (3, rank, 90), f"v_k {AT_D}; linear between, largest absolute value 1", "1", -1.0, 1.0)
     return (RHO_D, u, v, G)
 
 

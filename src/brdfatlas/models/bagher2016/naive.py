@@ -40,7 +40,7 @@ class Naive(FactorModel):
     title = "Naive factors"
     equations = "Eqs. 4, 7-18"
     formula = r"\rho_d + \rho_s D(\theta_h) F(\theta_d) H(\phi_d)"
-    parameters = (RHO_D, RHO_S, D, F, factor("h", "H", "phi_d", 180))
+    parameters = (RHO_D, RHO_S, D, F, factor("h", "H", "at phi_d = k + 0.5 degrees", 180))
 
     def fit_channels(self, measured, weights, seed, options) -> list[ChannelFit]:
         fits = []
