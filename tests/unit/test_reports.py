@@ -15,10 +15,10 @@ import pandas as pd
 import pytest
 from pypdf import PdfReader
 
-from brdfatlas.figures.pareto import spread
+from brdfatlas.figures.pareto import pareto_figure, spread
 from brdfatlas.figures.pictures import read_hdr
 from brdfatlas.measures.ranking import best_rows
-from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, best_of, median, pareto_front, score_models
+from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, Summary, best_of, median, pareto_front, score_models
 from brdfatlas.models import MODELS
 from brdfatlas.reports import formats, mathml
 from brdfatlas.reports.data import model_facts, physics_of, published_row, read_tsv, summarise_run, write_tsv
@@ -81,6 +81,24 @@ def test_scores_are_means_with_the_error_of_the_mean():
     assert "y" not in scores
     assert math.isinf(scores["z"]["psnr_db"].error), "a lower bound stays one"
     assert formats.with_error(60.0, math.inf) == "≥ 60.0"
+
+
+def test_a_perfect_fit_stands_in_the_pareto_figure():
+    """An error of 0 has no place on a logarithmic axis: it stands at the end of it."""
+    models = ("lambert", "ward")
+    rows = [("a", model, "s", "ok", 40.0, 0.1, error) for model, error in zip(models, (0.0, 2.0), strict=True)]
+    errors = pd.DataFrame(rows, columns=["material", "model", "scene", "status", "psnr_db", "psnr_se_db", "de00_mean"])
+    fits = pd.DataFrame([("a", model, "ok", 12 * i, i) for i, model in enumerate(models, 1)])
+    fits.columns = ["material", "model", "status", "bytes", "seconds"]
+    figure = pareto_figure(Summary({name: model_facts(name) for name in models}, errors, fits, {"a": "diffuse"}))
+    assert b">Lambert<" in figure
+    errors["de00_mean"] = 0.0
+    assert b">Lambert<" in pareto_figure(Summary({"lambert": model_facts("lambert")}, errors, fits, {"a": ""}))
+
+
+def test_a_paper_is_called_by_last_names_and_an_organisation_by_all_of_its_own():
+    shorts = {name: model_facts(name).paper for name in ("ggx", "gltf", "principled")}
+    assert shorts == {"ggx": "Dupuy et al. 2015", "gltf": "Khronos\xa0Group 2022", "principled": "Burley 2012"}
 
 
 def test_pareto_front_is_what_brute_force_finds():

@@ -24,7 +24,7 @@ class FitError(RuntimeError):
 
 @dataclass(frozen=True)
 class Paper:
-    """A citation; ``authors`` are full names, "First Last, First Last"."""
+    """A citation; ``authors`` are full names, "First Last, First Last"; an organisation's has no-break spaces."""
 
     authors: str
     title: str
@@ -39,7 +39,7 @@ class Paper:
     @property
     def short(self) -> str:
         """Such as "Dupuy et al. 2015"."""
-        names = [author.split()[-1] for author in self.authors.split(", ")]
+        names = [author.strip().split(" ")[-1] for author in self.authors.split(", ")]
         first = f"{names[0]} et al." if len(names) > 2 else " and ".join(names)
         return f"{first} {self.year}"
 

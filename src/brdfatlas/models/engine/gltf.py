@@ -38,7 +38,7 @@ class Gltf(EngineModel):
 
     name = "gltf"
     title = "glTF 2.0 metallic-roughness"
-    paper = Paper("Khronos Group", "glTF 2.0 Specification, appendix B: BRDF Implementation", "ISO/IEC 12113", 2022)
+    paper = Paper("Khronos\xa0Group", "glTF 2.0 Specification, appendix B: BRDF Implementation", "ISO/IEC 12113", 2022)
     equations = "appendix B.2, B.3"
     formula = (
         "rho = mix(fresnel_mix(0.04, base/pi, V D), conductor_fresnel(base, V D), metallic); "
