@@ -294,9 +294,10 @@ def page_data(
 ) -> dict[str, Any]:
     """What the page's script draws: the models best first, and their values a scene."""
 
-    def value(entry: Entry, scene: SceneFacts, key: str) -> float | None:
+    def value(entry: Entry, scene: SceneFacts, key: str) -> float | str | None:
         found = entry.rows.get(scene.name, {}).get(key)
-        return None if found is None or not math.isfinite(found) else float(f"{found:.5g}")
+        # JSON has no infinity
+        return "Infinity" if found == math.inf else number_or_none(math.nan if found is None else found)
 
     keys = (LEADING.key, "flip_mean", "psnr_db", "psnr_se_db")
     return {
