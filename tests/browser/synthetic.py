@@ -16,7 +16,7 @@ from brdfatlas.files import write_text
 from brdfatlas.fits import Fit
 from brdfatlas.models import MODELS
 from brdfatlas.reports.data import Material, SceneFacts, read_material
-from brdfatlas.reports.fit_files import write_fit_files
+from brdfatlas.reports.fit_files import fit_files_job
 from brdfatlas.reports.site import write_assets, write_compare, write_index, write_material_page, write_model_page
 
 TOY_MODEL = """
@@ -88,11 +88,15 @@ class Run:
             "pictures": self.reports / f"materials/{material}",
         }
 
+    def listing(self, material: str) -> Path:
+        return self.root / f"results/fit_files/{material}.json"
+
     def write_material(self, material: str) -> Path:
         page = self.reports / f"materials/{material}.html"
         write_material_page(
             page,
             **self.of(material),
+            listing=self.listing(material),
             data=self.reports / "data",
             materials=self.materials,
             models=self.models,
@@ -125,6 +129,7 @@ class Run:
             self.reports / "index.html",
             run_file=self.root / "results/run.json",
             materials=self.read(),
+            listings=[self.listing(material) for material in self.materials],
             data=self.reports / "data",
             models=self.models,
             scenes=self.scenes,
@@ -136,9 +141,10 @@ class Run:
         write_assets(self.reports / "assets")
         write_bars(self.reports / "assets")
         for material in self.materials:
-            write_fit_files(
+            fit_files_job(
                 [self.root / f"results/fits/{material}/{model}.npz" for model in self.models],
                 self.reports / f"materials/{material}/fits",
+                self.listing(material),
             )
         for material in self.materials:
             self.write_material(material)
@@ -178,7 +184,7 @@ def make_run(
     """Write the results of a made-up run below ``root``; the last material is measured, all others stand-ins."""
     rng = np.random.default_rng(seed)
     results, reports = root / "results", root / "reports"
-    for folder in ("materials", "errors", "renders"):
+    for folder in ("materials", "errors", "renders", "fit_files"):
         (results / folder).mkdir(parents=True, exist_ok=True)
     facts = [SceneFacts(name, "a sphere under a made-up light", 1.0, 2.2) for name in scenes]
     for number, material in enumerate(materials):
@@ -198,6 +204,7 @@ def make_run(
             "sha256": f"{number:064x}",
         }
         (results / f"materials/{material}.json").write_text(json.dumps(record))
+        (results / f"fit_files/{material}.json").write_text('{"files": {}}')
         rows, brdf = [], []
         base = rng.uniform(25, 50)
         for place, model in enumerate([*models, "reference_again"]):

@@ -10,6 +10,7 @@ from axe_playwright_python.sync_playwright import Axe
 from synthetic import HOSTILE, Run
 
 from brdfatlas.figures.pictures import read_hdr
+from brdfatlas.models import MODELS
 
 
 def pages_of(run: Run) -> list[Path]:
@@ -385,6 +386,50 @@ def test_material_page_switches_pictures_and_keeps_the_switch(tab, site):
     page.locator("#divider input").focus()
     page.keyboard.press("ArrowRight")
     assert page.locator("#divider").get_attribute("style") == "--at: 50.5%;"
+    assert tab.faults == []
+
+
+def test_a_place_in_the_page_leaves_what_was_chosen(tab, site):
+    """A link to a part of the page names no state in the address; what is chosen next keeps the rest."""
+    page = tab.open(site.reports / "materials/pvc.html")
+    page.locator("[data-choice=flip]").click()
+    page.locator("nav a[href='#numbers']").click()
+    page.locator("[data-choice=grove]").click()
+    sources = page.locator("#tiles img:visible").evaluate_all("(images) => images.map((i) => i.src)")
+    assert all("/renders/grove/" in source and source.endswith("/flip.webp") for source in sources)
+    assert page.evaluate("location.hash") == "#kind=flip&scene=grove"
+    page.evaluate("location.hash = ''")
+    page.locator("[data-choice=flip][aria-pressed=false]").wait_for()
+    assert tab.faults == []
+
+
+def test_a_perfect_fit_and_a_bound_stand_in_charts_and_tiles(tab, tmp_path):
+    """An error of 0 has no place on a logarithmic axis, a PSNR of infinity none on any."""
+    from synthetic import make_run, toy_models
+
+    with MODELS.restored():
+        models = toy_models(tmp_path / "toys", 3)
+        run = make_run(tmp_path, ["pvc"], models, ("studio",), size=48)
+        path = tmp_path / "results/errors/pvc.tsv"
+        table = pd.read_csv(path, sep="\t").set_index("model")
+        errors = ["de00_mean", "de00_p95", "flip_mean", "rmse", "rel_mse", "psnr_se_db"]
+        table.loc["toy_02", [*errors, "psnr_db", "psnr_tonemapped_db", "ssim"]] = [0.0] * 6 + [np.inf, np.inf, 1.0]
+        table.loc["toy_01", "psnr_se_db"] = np.inf
+        table.reset_index()[["material", "model", *table.columns.drop("material")]].to_csv(
+            path, sep="\t", index=False, na_rep="nan"
+        )
+        run.write_site()
+    page = tab.open(run.reports / "materials/pvc.html", "#kind=diff")
+    assert page.locator("#pareto svg a").count() == 3
+    values = page.locator("#tiles .tile:visible .value").all_inner_texts()
+    assert values[0] == "PSNR ∞ dB best"
+    assert [text.startswith("PSNR ≥ ") for text in values] == [False, True, False]
+    for key, shown in {"de00_mean": "0.00", "psnr_db": "∞", "rmse": "0"}.items():
+        page = tab.open(run.reports / "index.html", f"#measure={key}")
+        best = page.locator("#pareto svg a[data-model=toy_02]")
+        assert f" {shown}, " in best.get_attribute("aria-label")
+        assert "Toy 2" in page.locator("#pareto text.name").all_text_contents(), "it is on the Pareto line"
+        assert page.locator("#curves svg a[aria-label]").count() == 3
     assert tab.faults == []
 
 

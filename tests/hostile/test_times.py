@@ -67,6 +67,23 @@ def test_a_scenes_file_of_the_future_is_named(tmp_path):
         files_of_scene("mine", scene, "scenes.yaml", [])
 
 
+def test_files_of_one_size_and_time_are_told_apart(tmp_path):
+    """All files of a format may have one size, and all of an archive one time: swapped names are another input."""
+    one, other = tmp_path / "one", tmp_path / "other"
+    for path, place in ((one, 0), (other, -1)):
+        content = bytearray(1_000_000)
+        content[place] = 1
+        path.write_bytes(content)
+        os.utime(path, ns=(0, 0))
+    before = stamps([one, other])
+    one.rename(tmp_path / "aside")
+    other.rename(one)
+    (tmp_path / "aside").rename(other)
+    after = stamps([one, other])
+    assert [after[str(one)], after[str(other)]] == [before[str(other)], before[str(one)]]
+    assert before[str(one)] != before[str(other)]
+
+
 def test_a_file_that_changes_during_a_run_fails_the_jobs_that_read_it(tmp_path, monkeypatch, capsys):
     """Else a fit of the old file would stand beside renders of the new one."""
     monkeypatch.chdir(tmp_path)

@@ -316,6 +316,23 @@ def test_a_repaired_file_is_checked_again(tmp_path, good_file):
     assert [m.name for m in find_materials(config, "standins", checks)[0]] == ["m"]
 
 
+def test_a_verdict_follows_a_file_that_is_renamed(tmp_path, good_file):
+    good, bad, checks = tmp_path / "good.binary", tmp_path / "bad.binary", tmp_path / "checks.json"
+    good.write_bytes(good_file.read_bytes())
+    bad.write_bytes(bytes(good.stat().st_size))
+    for path in (good, bad):
+        os.utime(path, ns=(0, 0))
+    files = {"good": good, "bad": bad}
+    found = check_files(files, checks)
+    write_json(checks, found)
+    good.rename(tmp_path / "aside")
+    bad.rename(good)
+    (tmp_path / "aside").rename(bad)
+    assert [bool(found[str(path)]["reason"]) for path in (good, bad)] == [False, True]
+    found = check_files(files, checks)
+    assert [bool(found[str(path)]["reason"]) for path in (good, bad)] == [True, False]
+
+
 def test_standins_where_there_is_no_file(tmp_path, capsys):
     config = read_config({"merl_folder": str(tmp_path / "none")})
     usable, left_out, _ = find_materials(config, "standins", tmp_path / "checks.json")

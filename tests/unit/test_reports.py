@@ -15,14 +15,14 @@ import pandas as pd
 import pytest
 from pypdf import PdfReader
 
-from brdfatlas.figures.pareto import spread
+from brdfatlas.figures.pareto import pareto_figure, spread
 from brdfatlas.figures.pictures import read_hdr
 from brdfatlas.measures.ranking import best_rows
-from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, best_of, median, pareto_front, score_models
+from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, Summary, best_of, median, pareto_front, score_models
 from brdfatlas.models import MODELS
 from brdfatlas.reports import formats, mathml
 from brdfatlas.reports.data import model_facts, physics_of, published_row, read_tsv, summarise_run, write_tsv
-from brdfatlas.reports.fit_files import write_fit_files
+from brdfatlas.reports.fit_files import files_of, fit_files_job
 from brdfatlas.reports.index_page import atlas_script, findings, run_tables, switch_settings
 from brdfatlas.reports.model_page import strip
 from brdfatlas.reports.pdf import CAPTION, HEIGHT, WIDTH, tile_columns, write_material_pdf, write_supplement
@@ -83,19 +83,38 @@ def test_scores_are_means_with_the_error_of_the_mean():
     assert formats.with_error(60.0, math.inf) == "≥ 60.0"
 
 
+def test_a_perfect_fit_stands_in_the_pareto_figure():
+    """An error of 0 has no place on a logarithmic axis: it stands at the end of it."""
+    models = ("lambert", "ward")
+    rows = [("a", model, "s", "ok", 40.0, 0.1, error) for model, error in zip(models, (0.0, 2.0), strict=True)]
+    errors = pd.DataFrame(rows, columns=["material", "model", "scene", "status", "psnr_db", "psnr_se_db", "de00_mean"])
+    fits = pd.DataFrame([("a", model, "ok", 12 * i, i) for i, model in enumerate(models, 1)])
+    fits.columns = ["material", "model", "status", "bytes", "seconds"]
+    figure = pareto_figure(Summary({name: model_facts(name) for name in models}, errors, fits, {"a": "diffuse"}))
+    assert b">Lambert<" in figure
+    errors["de00_mean"] = 0.0
+    assert b">Lambert<" in pareto_figure(Summary({"lambert": model_facts("lambert")}, errors, fits, {"a": ""}))
+
+
+def test_a_paper_is_called_by_last_names_and_an_organisation_by_all_of_its_own():
+    shorts = {name: model_facts(name).paper for name in ("ggx", "gltf", "principled")}
+    assert shorts == {"ggx": "Dupuy et al. 2015", "gltf": "Khronos 2022", "principled": "Burley 2012"}
+
+
 def test_pareto_front_is_what_brute_force_finds():
     rng = np.random.default_rng(1)
     for higher in (True, False):
         points = {str(i): (float(x), float(y)) for i, (x, y) in enumerate(rng.integers(0, 12, (40, 2)))}
+        points["twin"] = points[pareto_front(points, higher)[0]]
         sign = 1 if higher else -1
         front = pareto_front(points | {"no": (math.nan, 1.0)}, higher)
-        kept = {points[name] for name in front}
         brute = {
-            p
-            for p in points.values()
+            name
+            for name, p in points.items()
             if not any(q != p and q[0] <= p[0] and sign * q[1] >= sign * p[1] for q in points.values())
         }
-        assert kept == brute
+        assert set(front) == brute
+        assert "twin" in brute
 
 
 @pytest.mark.parametrize(
@@ -317,7 +336,7 @@ def test_values_that_print_alike_are_best_together():
 def test_every_recommendation_meets_its_conditions_and_none_is_better(run):
     """Brute force over the fits of each material."""
     materials, summary = run.read(), summary_of(run)
-    script = atlas_script(materials, summary, run.scenes, run.reports / "materials")
+    script = atlas_script(materials, summary, run.scenes, [*map(run.listing, run.materials)])
     for bits, switches in enumerate(switch_settings()):
         assert [bool(bits & 2**i) for i in range(3)] == list(switches.values())
         for j, material in enumerate(materials):
@@ -343,8 +362,8 @@ def test_every_recommendation_meets_its_conditions_and_none_is_better(run):
 
 
 def test_fits_are_copied_with_their_parameters(tmp_path):
-    """Every good fit below reports/, readable again, tables not as text; what an earlier run made of a fit that failed
-    now is removed, what somebody has put beside them is not."""
+    """Every good fit below reports/, readable again, tables not as text. What somebody has put beside them stays, a
+    table as text too, and no page takes it for the run's."""
     values = {"kd": np.full(3, 0.25, np.float32), "ks": np.full(3, 0.5, np.float32)}
     values["alpha"] = np.full(3, 0.1, np.float32)
     from brdfatlas import Fit, load_fit
@@ -355,12 +374,14 @@ def test_fits_are_copied_with_their_parameters(tmp_path):
     (tmp_path / "ggx.npz").write_bytes(b"")
     out = tmp_path / "chrome/fits"
     (out / "textures").mkdir(parents=True)
-    for name in ("chrome-ggx.npz", "chrome-ggx.json", "ward.blend", "textures/a.png"):
+    own = ("chrome-bivariate.json", "ward.blend", "textures/a.png")
+    for name in own:
         (out / name).write_bytes(b"left")
-    written = write_fit_files([tmp_path / f"{name}.npz" for name in ("ward", "bivariate", "ggx")], out)
-    assert sorted([*written, "ward.blend", "textures"]) == sorted(path.name for path in out.iterdir())
-    assert (out / "textures/a.png").exists()
-    assert set(written) == {"chrome-ward.npz", "chrome-ward.json", "chrome-bivariate.npz"}
+    models = ["ward", "bivariate", "ggx"]
+    fit_files_job([tmp_path / f"{name}.npz" for name in models], out, tmp_path / "listing.json")
+    assert {(out / name).read_bytes() for name in own} == {b"left"}
+    assert files_of(tmp_path / "listing.json", "chrome", models) == [[".npz", ".json"], [".npz"], []]
+    assert (out / "chrome-bivariate.npz").exists()
     assert load_fit(out / "chrome-ward.npz") == import_json(out / "chrome-ward.json")
 
 
@@ -385,7 +406,7 @@ def test_storage_is_what_the_fits_store(tmp_path):
     rows, tables = run_tables({}, materials, summary)
     assert rows[0]["bytes"] == tables["models"]["bytes"][0] == 2304
     assert math.isnan(tables["models"]["free_parameters"].astype(float)[0]), "the material decides"
-    atlas = atlas_script(materials, summary, made.scenes, made.reports / "materials")
+    atlas = atlas_script(materials, summary, made.scenes, [*map(made.listing, made.materials)])
     assert atlas["bytes"] == [[3072], [1536], [2304], [None]]
     assert "1 536 to 3 072 bytes in this run" in Tags(made.write_model("lawrence")).text
 

@@ -35,6 +35,11 @@ def test_dry_run_plans_a_job_a_material_and_paper_and_all_renders_of_a_scene_at_
     assert planned["render_material"] == 2
 
 
+def test_the_index_alone_waits_for_the_fits_that_it_links(project):
+    """Else it has no link to them, and the next run would leave it so."""
+    assert project.planned("reports/index.html")["write_fits"] == 2
+
+
 def test_the_main_process_looks_for_work_when_a_job_ends_and_at_no_other_time(project):
     """Snakemake's limit of jobs a second would let it look once a second more with every job that has ended."""
     said = project.snakemake("--verbose", "--until", "fit_dupuy2015").stdout

@@ -126,6 +126,7 @@ rule write_index:
     input:
         record="results/run.json",
         run=[path for files in RUN_FILES.values() for path in [files["facts"], files["errors"], files["brdf"]]],
+        files=expand("results/fit_files/{material}.json", material=MATERIALS),
     output:
         page="reports/index.html",
         script="reports/data/atlas.js",

@@ -12,6 +12,7 @@ with logged(snakemake.log[0]):
         snakemake.output.page,
         run_file=snakemake.input.record,
         materials=read_run(p.files),
+        listings=snakemake.input.files,
         data=p.data,
         models=p.models,
         scenes=scene_facts(p.scenes),

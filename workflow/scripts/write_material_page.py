@@ -14,6 +14,7 @@ with logged(snakemake.log[0]):
         fit_files=i.fits,
         errors_file=i.errors,
         brdf_errors_file=i.brdf,
+        listing=i.files,
         pictures=p.pictures,
         data=p.data,
         materials=p.materials,

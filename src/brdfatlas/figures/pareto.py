@@ -31,11 +31,14 @@ def spread(heights: Sequence[float], gap: float) -> list[float]:
 
 def pareto_figure(summary: Summary) -> bytes:
     """Median ΔE00 over the materials against bytes and against seconds of one fit, both axes logarithmic, as SVG;
-    empty if there is nothing to draw. The Pareto-optimal models are named in a column beside the plot."""
+    empty if there is nothing to draw. The Pareto-optimal models are named in a column beside the plot. An error of 0
+    has no place on the axis and stands at its lower end."""
     values = {name: summary.value(name) for name in summary.models}
-    drawn = [name for name, value in values.items() if math.isfinite(value) and value > 0]
+    drawn = [name for name, value in values.items() if math.isfinite(value)]
     if not drawn:
         return b""
+    end = min((values[name] for name in drawn if values[name] > 0), default=1.0) / 1.35
+    values = {name: max(value, end) for name, value in values.items()}
     with style.paper():
         names = 0.25 + 0.05 * max(len(summary.models[name].title) for name in drawn)  # inches beside each plot
         figure, (both,) = style.panels(1, 2, (style.PAGE, 3.0), right=names, bottom=0.6, gaps=(names + 0.2, 0))

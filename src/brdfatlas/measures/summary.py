@@ -187,15 +187,16 @@ def best_first(values: Mapping[str, float], measure: Measure) -> list[str]:
 
 
 def pareto_front(points: Mapping[str, tuple[float, float]], higher_is_better: bool) -> list[str]:
-    """Names whose (cost, value) no other point beats in both; by rising cost. Not-a-number points take no part."""
+    """Names whose (cost, value) no other point beats in one without being worse in the other, all of equal points; by
+    rising cost. Not-a-number points take no part."""
     alive = [
         (cost, value, name) for name, (cost, value) in points.items() if not (math.isnan(cost) or math.isnan(value))
     ]
     sign = -1 if higher_is_better else 1
-    front, best = [], math.inf
-    for _cost, value, name in sorted(alive, key=lambda item: (item[0], sign * item[1])):
-        if sign * value < best:
-            best = sign * value
+    front, best = [], (math.nan, math.inf)
+    for cost, value, name in sorted(alive, key=lambda item: (item[0], sign * item[1])):
+        if sign * value < best[1] or (cost, sign * value) == best:
+            best = cost, sign * value
             front.append(name)
     return front
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from brdfatlas.angles import GRID_SHAPE
 from brdfatlas.constants import LONGEST_NAME, NAME
-from brdfatlas.files import read_json
+from brdfatlas.files import read_json, stamps
 from brdfatlas.formats.files import name_of
 from brdfatlas.formats.reader import ENDINGS, check, format_of, merl
 from brdfatlas.measured import MeasuredError
@@ -163,7 +163,7 @@ def _below(folder: Path, depth: int = 2) -> Iterator[Path]:
 
 
 def check_files(files: Mapping[str, Path], checks: str | Path) -> dict[str, dict[str, str]]:
-    """path -> {"stamp": edition, size, time stamp, mode; "reason": "" if the file is good, else why not}."""
+    """path -> {"stamp": edition, mode, stamp of the file; "reason": "" if the file is good, else why not}."""
     try:
         known = {path: {key: old[key] for key in ("stamp", "reason")} for path, old in read_json(checks).items()}
     except (OSError, ValueError, AttributeError, KeyError, TypeError):  # none yet, or not what a run writes
@@ -171,8 +171,7 @@ def check_files(files: Mapping[str, Path], checks: str | Path) -> dict[str, dict
 
     def verdict(name: str, path: Path) -> dict[str, str]:
         try:
-            status = path.stat()
-            stamp = f"{EDITION} {status.st_size} {status.st_mtime_ns} {status.st_mode}"
+            stamp = f"{EDITION} {path.stat().st_mode} {stamps([path])[str(path)]}"
         except OSError:
             stamp = ""
         fault = time_fault(path)

@@ -11,7 +11,7 @@ import numpy as np
 from brdfatlas.export.facts import ExportError, with_report
 from brdfatlas.export.targets import ENDINGS as TARGET_ENDINGS
 from brdfatlas.export.targets import STANDARD, export, stem_of
-from brdfatlas.files import atomic_path, digests, write_json
+from brdfatlas.files import atomic_path, digests, read_record, write_json
 from brdfatlas.fits import load_fit
 from brdfatlas.models.base import FitError
 
@@ -27,23 +27,18 @@ ENDINGS: Mapping[str, str] = {
 MOST_NUMBERS = 5000
 
 
-def fits_folder(material_folder: str | Path) -> Path:
-    """Where the fits of a material lie, given the folder of its pictures."""
-    return Path(material_folder) / "fits"
-
-
-def files_of(material_folder: str | Path, model: str) -> list[str]:
-    """The endings of the files that a fit has there."""
-    folder = fits_folder(material_folder)
-    stem = stem_of(Path(material_folder).name, model)
-    return [ending for ending in ENDINGS if (folder / f"{stem}{ending}").is_file()]
+def files_of(listing: str | Path, material: str, models: Sequence[str]) -> list[list[str]]:
+    """The endings of the files that each fit of a material has there by the listing of :func:`fit_files_job`: what else
+    lies there may be of another fit."""
+    names = read_record(listing, "files")["files"]
+    return [[ending for ending in ENDINGS if f"{stem_of(material, model)}{ending}" in names] for model in models]
 
 
 def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike) -> list[str]:
     """Copy every good fit ({model}.npz; a failed one is an empty file) into ``folder``, {material}/fits, with its
     parameters as JSON, up to :data:`MOST_NUMBERS`, and the material of each engine that can hold it exactly; returns
-    the names of the files. Those that an earlier run made of these fits and this one does not are removed, and nothing
-    else."""
+    the names of the files. Nothing is removed: what an earlier run made and this one does not is in its record
+    (:mod:`brdfatlas.pipeline.leftovers`), and what is not may be the user's own."""
     folder, written = Path(folder), set()
     stems = {path: stem_of(folder.parent.name, path.stem) for path in map(Path, fits)}
     for path, stem in stems.items():
@@ -60,9 +55,6 @@ def write_fit_files(fits: Sequence[str | os.PathLike], folder: str | os.PathLike
                 written |= {made.name for made in export(fit, name, folder / f"{stem}{TARGET_ENDINGS[name]}")}
             except (ExportError, FitError) as error:
                 print(f"{path}: not exported to {name}: {error}")
-    for name in (f"{stem}{ending}" for stem in stems.values() for ending in ENDINGS):
-        if name not in written:
-            (folder / name).unlink(missing_ok=True)
     return sorted(written)
 
 

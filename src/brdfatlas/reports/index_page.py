@@ -43,6 +43,7 @@ def write_index(
     *,
     run_file: str | Path,
     materials: Sequence[Material],
+    listings: Sequence[str | Path],
     data: str | Path,
     models: Sequence[str],
     scenes: Sequence[SceneFacts],
@@ -50,7 +51,8 @@ def write_index(
 ) -> None:
     """Write the index, the tables of the whole run and ``atlas.js``, which index and compare page read.
 
-    ``run_file`` is the record of the run.
+    ``run_file`` is the record of the run; ``listings``: for each of ``materials`` the list of its fits' files
+    (:mod:`.fit_files`).
     """
     output, data = Path(output), Path(data)
     run = read_record(run_file)
@@ -59,7 +61,7 @@ def write_index(
     rows, tables = run_tables(run, materials, summary)
     for name, frame in tables.items():
         write_tsv(data / f"{name}.tsv", frame)
-    script = atlas_script(materials, summary, scenes, output.parent / "materials")
+    script = atlas_script(materials, summary, scenes, listings)
     write_text(data / "atlas.js", as_script("ATLAS", script))
     versions = list((run.get("versions") or {}).items())
     versions += [(key, run[key]) for key in ("revision", "machine") if run.get(key)]
@@ -279,14 +281,14 @@ def findings(materials: Sequence[Material], summary: Summary) -> str:
 
 
 def atlas_script(
-    materials: Sequence[Material], summary: Summary, scenes: Sequence[SceneFacts], folder: Path
+    materials: Sequence[Material], summary: Summary, scenes: Sequence[SceneFacts], listings: Sequence[str | Path]
 ) -> dict[str, Any]:
     """``window.ATLAS``: numbers of the whole run, in columns, rounded to what is shown, for index and compare page.
 
     ``values[measure]`` is flat: scene, then material, then model (models, then the reference with another seed last);
     ``best`` are the places of the best PSNRs (:func:`brdfatlas.measures.ranking.best_rows`); ``recommended[switches]``
     and ``of_class[switches]`` hold a list of models' places (-1: none) a budget, for each material and class;
-    ``folder`` is that of the material pages, below which the fits lie; ``stems`` is how their names begin.
+    ``stems`` is how the names of a fit's files begin.
     """
     models = list(summary.models)
     names = [*models, REFERENCE_AGAIN]
@@ -300,7 +302,7 @@ def atlas_script(
             for conditions in switch_settings()
         ]
 
-    files = [[files_of(folder / m.name, model) for model in models] for m in materials]
+    files = [files_of(listing, m.name, models) for m, listing in zip(materials, listings, strict=True)]
     kinds = list(dict.fromkeys(tuple(found) for row in files for found in row))
     return {
         "materials": [

@@ -108,6 +108,7 @@ def write_material_page(
     fit_files: Sequence[str | Path],
     errors_file: str | Path,
     brdf_errors_file: str | Path,
+    listing: str | Path,
     pictures: str | Path,
     data: str | Path,
     materials: Sequence[str],
@@ -119,15 +120,15 @@ def write_material_page(
 ) -> None:
     """Write the page of one material, its tables in ``data`` and its thumbnail in ``pictures``.
 
-    ``pictures`` is the folder of the material's pictures and fits (figures.pictures, :mod:`.fit_files`); ``animation``:
-    the note beside animation.webp there, if any; ``materials`` is the order of pages. The page needs nothing of other
-    materials: it is out when its material is.
+    ``listing``: the files of its fits (:mod:`.fit_files`); ``pictures``: the folder of its pictures (figures.pictures);
+    ``animation``: the note beside animation.webp there, if any; ``materials`` is the order of pages. The page needs
+    nothing of other materials: it is out when its material is.
     """
     output, pictures, data = Path(output), Path(pictures), Path(data)
     material = read_material(material_file, fit_files, errors_file, brdf_errors_file)
     summary = summarise_run([material], {name: model_facts(name) for name in models})
     entries = make_entries(material, summary, scenes, published)
-    _add_files(entries, material.name, pictures)
+    _add_files(entries, material.name, listing)
     write_thumbnail(pictures, scenes, models)
     place = list(materials).index(material.name)
     by_name = {entry.name: entry for entry in entries}
@@ -161,12 +162,13 @@ def write_material_page(
     )
 
 
-def _add_files(entries: Sequence[Entry], material: str, pictures: Path) -> None:
+def _add_files(entries: Sequence[Entry], material: str, listing: str | Path) -> None:
     """Say which files of each fit there are to take away."""
-    for entry in entries:
+    endings = files_of(listing, material, [entry.name for entry in entries])
+    for entry, found in zip(entries, endings, strict=True):
         entry.stem = stem_of(material, entry.name)
         base = f"{quote(material)}/fits/{quote(entry.stem)}"
-        entry.files = [(end, f"{base}{end}", ENDINGS[end]) for end in files_of(pictures, entry.name)]
+        entry.files = [(end, f"{base}{end}", ENDINGS[end]) for end in found]
 
 
 def _pictured(
@@ -294,9 +296,10 @@ def page_data(
 ) -> dict[str, Any]:
     """What the page's script draws: the models best first, and their values a scene."""
 
-    def value(entry: Entry, scene: SceneFacts, key: str) -> float | None:
+    def value(entry: Entry, scene: SceneFacts, key: str) -> float | str | None:
         found = entry.rows.get(scene.name, {}).get(key)
-        return None if found is None or not math.isfinite(found) else float(f"{found:.5g}")
+        # JSON has no infinity
+        return "Infinity" if found == math.inf else number_or_none(math.nan if found is None else found)
 
     keys = (LEADING.key, "flip_mean", "psnr_db", "psnr_se_db")
     return {

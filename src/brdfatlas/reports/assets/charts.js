@@ -44,12 +44,17 @@
     const fa = f(a), fb = f(b);
     return (v) => p + (q - p) * (f(v) - fa) / (fb - fa || 1);
   }
-  function padded(values, log) {
-    let low = Math.min(...values), high = Math.max(...values);
+  function padded(all, log) {
+    const values = all.filter((v) => Number.isFinite(v) && (v > 0 || !log));
+    if (!values.length) values.push(1);
+    const low = Math.min(...values), high = Math.max(...values);
     if (log) return [low / 1.35, high * 1.35];
     const room = (high - low || Math.abs(high) || 1) * 0.08;
     return [low - room, high + room];
   }
+
+  // A perfect match, an error of 0 or a PSNR of ∞, has no place on its axis and stands at the end of it.
+  const within = ([low, high]) => (v) => Math.min(Math.max(v, low), high);
 
   // --- frame ------------------------------------------------------------------------------------------------------------
   // A chart is a function of its width; it is drawn again when that changes.
@@ -104,13 +109,14 @@
   // points: {x, y, name, title, family, href, text, faint}; front: names by rising x. They stand in a column beside the plot; the
   // rest is named on hover and focus.
   function scatter(node, { points, front, xlabel, ylabel, label, ylog }) {
-    const good = points.filter((p) => Number.isFinite(p.x) && p.x > 0 && Number.isFinite(p.y) && (!ylog || p.y > 0));
-    if (!good.length) { node.textContent = "Nothing to draw: no finite numbers."; return; }
+    const all = points.filter((p) => Number.isFinite(p.x) && p.x > 0 && !Number.isNaN(p.y));
+    if (!all.length) { node.textContent = "Nothing to draw: no numbers."; return; }
+    const range = padded(all.map((p) => p.y), ylog), place = within(range), good = all.map((p) => ({ ...p, y: place(p.y) }));
     paint(node, (width) => {
       const line = front.map((name) => good.find((p) => p.name === name)).filter(Boolean);
       const gap = 15, room = Math.min(Math.max(0, ...line.map((p) => widthOf(p.title) + 2)), width * 0.47);
       const height = Math.max(Math.round(Math.min(Math.max(width * 0.55, 300), 480)), line.length * gap + 80);
-      const { svg, sx, sy, box } = frame({ width, height, x: padded(good.map((p) => p.x), true), y: padded(good.map((p) => p.y), ylog), xkind: "log", ykind: ylog ? "log" : "", xlabel, ylabel, label, right: room + 34 });
+      const { svg, sx, sy, box } = frame({ width, height, x: padded(good.map((p) => p.x), true), y: range, xkind: "log", ykind: ylog ? "log" : "", xlabel, ylabel, label, right: room + 34 });
       if (line.length > 1) svg.append(el("path", { class: "front", d: line.map((p, i) => (i ? `H${sx(p.x)}V${sy(p.y)}` : `M${sx(p.x)} ${sy(p.y)}`)).join("") }));
       const size = (p) => (front.includes(p.name) ? 5.5 : 4.5);
       const names = el("g", { "aria-hidden": "true" }), down = [...line].sort((a, b) => sy(a.y) - sy(b.y));
@@ -177,17 +183,18 @@
   // --- dots: a row a model, a dot a material -----------------------------------------------------------------------------
   // rows: {name, title, family, href, dots: [{x, text, href}], middle}
   function dots(node, { rows, xlabel, label, xlog }) {
-    const all = rows.flatMap((r) => r.dots.map((d) => d.x)).filter((v) => Number.isFinite(v) && (!xlog || v > 0));
-    if (!all.length) { node.textContent = "Nothing to draw: no finite numbers."; return; }
+    const all = rows.flatMap((r) => r.dots.map((d) => d.x)).filter((v) => !Number.isNaN(v));
+    if (!all.length) { node.textContent = "Nothing to draw: no numbers."; return; }
+    const range = padded(all, xlog), place = within(range);
     paint(node, (width) => {
       const left = Math.min(Math.max(...rows.map((r) => widthOf(r.title))) + 14, width * 0.45), step = 20, height = rows.length * step + 66;
-      const { svg, sx, box } = frame({ width, height, x: padded(all, xlog), y: [0, 1], xkind: xlog ? "log" : "", yticks: [], xlabel, ylabel: "", label, left });
+      const { svg, sx, box } = frame({ width, height, x: range, y: [0, 1], xkind: xlog ? "log" : "", yticks: [], xlabel, ylabel: "", label, left });
       rows.forEach((r, i) => {
         const y = box.top + step * (i + 0.5);
         const link = el("a", { href: r.href }, el("text", { class: "name", x: 0, y: y + 4 }, fit(r.title, left - 12)));
         svg.append(el("line", { class: "grid", x1: box.left, x2: box.right, y1: y, y2: y }), link);
-        for (const d of r.dots) if (Number.isFinite(d.x) && (!xlog || d.x > 0)) svg.append(el("a", { href: d.href, "aria-label": d.text }, marker(r.family, sx(d.x), y, 4, { class: "point", opacity: 0.75 }, ), el("title", {}, d.text)));
-        if (Number.isFinite(r.middle)) svg.append(el("line", { class: "median", x1: sx(r.middle), x2: sx(r.middle), y1: y - 7, y2: y + 7 }));
+        for (const d of r.dots) if (!Number.isNaN(d.x)) svg.append(el("a", { href: d.href, "aria-label": d.text }, marker(r.family, sx(place(d.x)), y, 4, { class: "point", opacity: 0.75 }, ), el("title", {}, d.text)));
+        if (!Number.isNaN(r.middle)) svg.append(el("line", { class: "median", x1: sx(place(r.middle)), x2: sx(place(r.middle)), y1: y - 7, y2: y + 7 }));
       });
       return svg;
     });

@@ -99,8 +99,8 @@
   // --- Pareto chart ---------------------------------------------------------------------------------------------------------
   function front(points, higher) {
     const sign = higher ? -1 : 1, names = [];
-    let best = Infinity;
-    for (const p of points.filter((q) => Number.isFinite(q.x) && Number.isFinite(q.y)).sort((a, b) => a.x - b.x || sign * (a.y - b.y))) if (sign * p.y < best) { best = sign * p.y; names.push(p.name); }
+    let best = Infinity, cost = NaN;
+    for (const p of points.filter((q) => Number.isFinite(q.x) && !Number.isNaN(q.y)).sort((a, b) => a.x - b.x || sign * (a.y - b.y))) if (sign * p.y < best || (p.x === cost && sign * p.y === best)) { best = sign * p.y; cost = p.x; names.push(p.name); }
     return names;
   }
   const costKey = () => $("cost").querySelector("[aria-pressed=true]").value;

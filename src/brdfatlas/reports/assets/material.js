@@ -2,8 +2,8 @@
 "use strict";
 (() => {
   const $ = (id) => document.getElementById(id), C = window.AtlasCharts, P = window.AtlasPage;
-  const D = JSON.parse($("data").textContent), url = encodeURIComponent;
-  const text = (v, d) => (v === null || v === undefined ? "–" : v.toFixed(d));
+  const D = JSON.parse($("data").textContent, (_, v) => (v === "Infinity" ? Infinity : v)), url = encodeURIComponent;
+  const text = (v, d) => (v === null || v === undefined ? "–" : v === Infinity ? "∞" : v.toFixed(d));
   const storage = (b) => (b >= 1e6 ? `${+(b / 1e6).toPrecision(3)} MB` : b >= 1e3 ? `${+(b / 1e3).toPrecision(3)} kB` : `${Math.round(b)} B`);
 
   const divider = $("divider");

@@ -3,7 +3,12 @@
 "use strict";
 (() => {
   // --- state in the address: survives reload, Back and copying --------------------------------------------------------
-  const words = () => new URLSearchParams(location.hash.includes("=") ? location.hash.slice(1) : "");
+  // An address that names a place in the page (#fits) leaves the state as it is.
+  let stated = "";
+  const words = () => {
+    if (!location.hash || location.hash.includes("=")) stated = location.hash.slice(1);
+    return new URLSearchParams(stated);
+  };
   // What the address names in the page; an address cut off within a %.. names nothing.
   const named = () => { try { return decodeURIComponent(location.hash.slice(1)); } catch { return ""; } };
   const get = (key, otherwise = "") => words().get(key) ?? otherwise;
