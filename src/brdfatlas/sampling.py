@@ -31,7 +31,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from brdfatlas.files import read_json
+from brdfatlas.files import read_record, shown
 from brdfatlas.microfacet import ggx_ndf
 
 FORMAT = "brdfatlas-sampler-1"
@@ -348,19 +348,29 @@ def sampler_from(description: Mapping[str, Any]) -> Mixture:
     if description.get("format") != FORMAT:
         raise ValueError(f"not a sampler description: format {description.get('format')!r}, expected {FORMAT!r}")
     lobes, weights = [], []
-    for entry in description["lobes"]:
-        numbers = {
-            key: tuple(float(v) for v in value) if isinstance(value, list | tuple) else float(value)
-            for key, value in entry.items()
-            if key not in ("kind", "weight")
-        }
-        if entry["kind"] not in KINDS:
-            raise ValueError(f"unknown lobe kind {entry['kind']!r}; known: {', '.join(KINDS)}")
-        lobes.append(KINDS[entry["kind"]](**numbers))
-        weights.append(float(entry["weight"]))
-    return Mixture(lobes, np.array(weights))
+    try:
+        for entry in description["lobes"]:
+            numbers = {
+                key: tuple(float(v) for v in value) if isinstance(value, list | tuple) else float(value)
+                for key, value in entry.items()
+                if key not in ("kind", "weight")
+            }
+            if entry["kind"] not in KINDS:
+                raise ValueError(f"unknown lobe kind {entry['kind']!r}; known: {', '.join(KINDS)}")
+            lobes.append(KINDS[entry["kind"]](**numbers))
+            weights.append(float(entry["weight"]))
+    except (KeyError, TypeError, AttributeError):
+        raise ValueError("not a sampler description: each lobe has a kind, a weight and its own numbers") from None
+    found = np.array(weights)
+    if not (found >= 0).all() or not abs(found.sum() - 1) < 1e-6:
+        raise ValueError(f"not a sampler description: weights {weights}, numbers from 0 with sum 1 are wanted")
+    return Mixture(lobes, found)
 
 
 def load_sampler(path: str | os.PathLike) -> Mixture:
-    """The sampler of a JSON file that holds :func:`sampler_as_data`."""
-    return sampler_from(read_json(path))
+    """The sampler of a JSON file that holds :func:`sampler_as_data`. ValueError names the file and what is wrong."""
+    try:
+        return sampler_from(read_record(path))
+    except ValueError as error:
+        told = str(error)
+        raise ValueError(told if told.startswith(shown(path)) else f"{shown(path)}: {told}") from None
