@@ -405,6 +405,23 @@ def test_a_fit_of_others_runs_no_file_outside_the_working_directory(refused, tmp
     assert brdfatlas.load_fit("fit.npz").source == source
 
 
+def test_rows_of_two_files_have_two_titles(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = OWN_MODEL.replace("import Model,", "import Model, Option,")
+    text = text.replace('formula = "a"', 'formula = "a"\n    options = {"k": Option(1, "a choice")}')
+    header = "material,kd_r,kd_g,kd_b,ks_r,ks_g,ks_b,f0,m\n"
+    for number in (1, 2):
+        Path(f"v{number}.py").write_text(text)
+        Path(f"v{number}.csv").write_text(f"{header}gold,1,1,1,1,1,1,0.5,0.1\n")
+    Path("models.yaml").write_text(
+        "first: {model: mine, source: v1.py, k: 3}\nsecond: {model: mine, source: v2.py, k: 3}\n"
+        "ngan_published: {model: ngan, parameters: v1.csv}\nours_published: {model: ngan, parameters: v2.csv}\n"
+    )
+    titles = [entry.title for entry in read_entries("models.yaml").values()]
+    assert len(set(titles)) == 4
+    assert titles[2].endswith(", published")
+
+
 @pytest.mark.parametrize(
     "details",
     [
