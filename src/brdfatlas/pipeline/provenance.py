@@ -76,7 +76,7 @@ def _beside(path: Path) -> Iterator[Path]:
             elif instruction.opname == "IMPORT_NAME":
                 parts = instruction.argval.split(".")
                 if level:
-                    folder = path.parents[level - 1]
+                    folder = path.parents[min(level, len(path.parents)) - 1]
                 elif parts[0] == PACKAGE or (parts[0] != own if own else top.name.endswith("-packages")):
                     continue  # another package's
                 else:
