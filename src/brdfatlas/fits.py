@@ -5,7 +5,7 @@ import os
 import stat
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
@@ -130,8 +130,11 @@ class Fit:
         """What the model says of itself in answer to a hook."""
         with own_faults(self.instance, self.material):
             found = getattr(self.instance, hook)(self.parameters, *more)
-            if not isinstance(found, kind):
-                raise TypeError(f"{hook} gives a {type(found).__name__}")
+            wrong = [] if isinstance(found, kind) else [found]
+            if kind is tuple and not wrong:
+                wrong = [item for item in found if not isinstance(item, Function)]
+            if wrong:
+                raise TypeError(f"{hook} gives a {type(wrong[0]).__name__}")
             return found
 
     def save(self, path: str | os.PathLike) -> None:
@@ -441,6 +444,44 @@ def describe_fit(fitted: Fit, measured: Measured, table: np.ndarray) -> dict[str
         **fitted.report,
         "parameters": {name: array for name, array in fitted.parameters.items() if array.size <= 24},
     }
+
+
+def known_details(report: Mapping[str, Any]) -> dict[str, Any]:
+    """Of the details of a fit's report those that pages and figures show, ``channels``, ``bound`` and ``bounds``, where
+    they have the form that ours have: in a model from outside a key may mean anything."""
+    details = report.get("details")
+    details = details if isinstance(details, Mapping) else {}
+    channels, bound, bounds = (details.get(key) for key in ("channels", "bound", "bounds"))
+    return {
+        "channels": channels if isinstance(channels, list) and all(map(_is_channel, channels)) else [],
+        "bound": bound if isinstance(bound, Mapping) and _is_bound(bound) else {},
+        "bounds": bounds if isinstance(bounds, list) else [],
+    }
+
+
+def _is_bound(item: Mapping[str, Any]) -> bool:
+    return isinstance(item.get("factor"), str) and _has_numbers(item, ("held", "count", "value"))
+
+
+def _has_numbers(item: Mapping[str, Any], keys: Iterable[str]) -> bool:
+    return all(type(item.get(key)) in (int, float) for key in keys)
+
+
+def _is_channel(item: Any) -> bool:
+    """Whether this is how the fit of a channel went, with a curve of its own or those of its starts."""
+    starts = item.get("starts", []) if isinstance(item, Mapping) else None
+    if not isinstance(starts, list):
+        return False
+    named = all(isinstance(start, Mapping) and isinstance(start.get("name"), str) for start in starts)
+    return named and all(map(_is_curve, [item, *starts]))
+
+
+def _is_curve(item: Mapping[str, Any]) -> bool:
+    history = item.get("history", [])
+    if not isinstance(history, list) or not all(type(value) in (int, float, type(None)) for value in history):
+        return False
+    counts = {"golden_section_calls", "iterations"} & item.keys()
+    return _has_numbers(item, counts) and (not history or any(value is not None for value in history))
 
 
 def report_faults(report: Mapping[str, Any]) -> list[str]:

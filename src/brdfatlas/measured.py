@@ -38,10 +38,10 @@ class MeasuredError(ValueError):
 class Provenance:
     """Where a table comes from and what was done to it; JSON-able.
 
-    ``format``: of the file; ``source``, ``instrument``, ``note``: words of the file or of its folder's about.yaml, ""
-    where there are none. ``kind``: MEASURED or RECONSTRUCTED. ``shares``: name -> share of the valid cells, 0 to 1
-    ("out of gamut": a channel was negative and is 0; "extrapolated"). ``warnings``: one line each, for page and
-    terminal: what was assumed, changed or looks wrong.
+    ``format``: of the file; ``source``, ``instrument``, ``note``: words of the file, "" where there are none. ``kind``:
+    MEASURED or RECONSTRUCTED. ``shares``: name -> share of the valid cells, 0 to 1 ("out of gamut": a channel was
+    negative and is 0; "extrapolated"). ``warnings``: one line each, for page and terminal: what was assumed, changed or
+    looks wrong.
     """
 
     format: str = ""

@@ -111,7 +111,7 @@ class Recommendation:
         with interrupts.unwound(), tempfile.TemporaryDirectory(prefix=".recommend.", dir=folder.parent) as staged:
             files = self._write(Path(staged))
             folder.mkdir(exist_ok=True)
-            earlier = _unchanged(folder)
+            earlier = {name for name, unchanged in _earlier(folder).items() if unchanged}
             for path in files:
                 os.replace(path, folder / path.name)
         for name in earlier - {path.name for path in files}:
@@ -163,21 +163,22 @@ class Recommendation:
             canvas.save(temporary, "PNG", pnginfo=notes)
 
 
-def _unchanged(folder: Path) -> set[str]:
-    """Names of the files that an earlier recommendation wrote into a folder and that are still what it wrote."""
+def _earlier(folder: Path) -> dict[str, bool]:
+    """Names of the files in a folder that an earlier recommendation wrote -> whether they are still what it wrote."""
     with suppress(ValueError, OSError, AttributeError):
         wrote = read_record(folder / TABLE, "files")["files"]
         return {
-            name
+            name: digests(folder, [name]) == {name: digest}
             for name, digest in wrote.items()
-            if Path(name).name == name and (folder / name).is_file() and digests(folder, [name]) == {name: digest}
+            if Path(name).name == name and (folder / name).is_file()
         }
-    return set()
+    return {}
 
 
 def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]) -> None:
     """Refuse, before any fit, a folder in which :meth:`Recommendation.save` could not write, or whose files it would
-    replace that are not of an earlier recommendation. FileFault, one line; TypeError for what is no path."""
+    replace that are not of an earlier recommendation or were changed since. FileFault, one line; TypeError for what is
+    no path."""
     from brdfatlas.export import targets
 
     check_length(folder)
@@ -191,6 +192,7 @@ def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]
     if parent == where and any(where.iterdir()) and not (where / TABLE).exists():
         raise FileFault(f"{shown(folder)}: holds files that are not of an earlier recommendation; name a new folder")
     endings = [".npz", *(ending for target, ending in targets.ENDINGS.items() if target != "merl")]
+    earlier = _earlier(where)
     for name in [
         PICTURE,
         TABLE,
@@ -199,6 +201,8 @@ def check_folder(folder: str | os.PathLike, material: str, models: Iterable[str]
         path = where / name
         if os.path.lexists(path) and (path.is_symlink() or not path.is_file() or not ours(path, KINDS[path.suffix])):
             raise FileFault(f"{shown(Path(folder) / name)}: is not of an earlier recommendation; name a new folder")
+        if not earlier.get(name, True):
+            raise FileFault(f"{shown(Path(folder) / name)}: was changed since brdfatlas wrote it; name a new folder")
     of = material
     with suppress(ValueError, OSError):  # none, or an empty one
         of = read_record(where / TABLE, "material")["material"]

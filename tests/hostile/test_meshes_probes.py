@@ -183,6 +183,7 @@ BAD_MESHES = {
     "a corner of 0_1.obj": obj(faces=[["0_1", "2", "3"]]),
     "coordinates of text.obj": obj(more="v a b c\n"),
     "NaN.obj": obj(vertices=np.where(CUBE > 0, np.nan, CUBE)),
+    "a plane but for rounding.obj": b"v -1 0 -1\nv 1 4e-8 -1\nv 1 0 1\nv -1 4e-8 1\nf 1 2 3\nf 1 3 4\n",
     "no faces.obj": obj(faces=[]),
     "faces alone.obj": obj(vertices=[]),
     "empty.obj": b"",

@@ -472,6 +472,19 @@ def test_a_folder_holds_the_files_of_one_recommendation(inputs, tmp_path, no_pic
         assert (tmp_path / "out" / "felt-ggx.npz").exists()
 
 
+def test_what_a_person_changed_in_a_recommendation_is_not_replaced(inputs, tmp_path, no_picture):
+    made = recommendation(inputs, "lambert").save(tmp_path / "out")
+    for path in made[:-1]:
+        whole = path.read_bytes()
+        path.write_bytes(whole + b" ")
+        before = state(tmp_path)
+        with pytest.raises(files.FileFault, match=rf"{path.name}: was changed since .*; name a new folder"):
+            recommendation(inputs, "lambert").save(tmp_path / "out")
+        assert state(tmp_path) == before
+        path.write_bytes(whole)
+    recommendation(inputs, "lambert").save(tmp_path / "out")
+
+
 def test_the_recommendation_for_another_material_is_not_replaced(inputs, tmp_path, no_picture):
     recommendation(inputs, "lambert").save(tmp_path / "out")
     before = state(tmp_path)

@@ -10,10 +10,14 @@ from own_model import OWN_MODEL
 import brdfatlas
 from brdfatlas.cli import main
 from brdfatlas.export.uber_texture import has_row
+from brdfatlas.figures.jobs import figures_job
+from brdfatlas.files import write_json
 from brdfatlas.fits import Fit
 from brdfatlas.models import Entry, loading, name_sources, read_entries
 from brdfatlas.models.base import FitError, Result
 from brdfatlas.pipeline.jobs import fit_job
+from brdfatlas.reports.data import SceneFacts, model_facts, read_material, summarise_run
+from brdfatlas.reports.material_page import make_entries
 from brdfatlas.settings import ConfigError
 
 FIT = ["fit", "mine", "measured.binary", "--source", "model.py", "-o", "out.npz"]
@@ -86,10 +90,25 @@ def with_hook(name, body):
     return f"{OWN_MODEL}\n    def {name}(self, parameters):\n        {body}\n"
 
 
+def function(numbers):
+    return f"from brdfatlas.models.base import Function; return (Function('D', {numbers}),)"
+
+
+def factors(numbers):
+    return f"from brdfatlas.models.base import Factors; return Factors({numbers})"
+
+
 WHILE_FITTING = {
     "factors of another kind": with_hook("factors", "return 'D F G'"),
     "a sampler that fails": with_hook("sampler", "return 1 / 0"),
     "functions that are none": with_hook("functions", "return None"),
+    "functions among which is none": with_hook("functions", "return (None,)"),
+    "a function over another angle": with_hook("functions", function("'theta_i', np.zeros(9), np.ones(9)")),
+    "a function of another length": with_hook("functions", function("'theta', np.zeros(9), np.ones(8)")),
+    "a function of two colours": with_hook("functions", function("'theta', np.zeros(9), np.ones((9, 2))")),
+    "factors of another grid": with_hook("factors", factors("np.zeros(3), np.ones((3, 1, 45)), np.ones((3, 1, 90))")),
+    "factors without products": with_hook("factors", factors("np.zeros(3), np.ones((3, 90)), np.ones((3, 90))")),
+    "factors of one number": with_hook("factors", factors("0.0, np.ones((3, 1, 90)), np.ones((3, 1, 90))")),
     "a value out of its range": OWN_MODEL.replace("np.ones(3)", "-np.ones(3)"),
     "sys.exit(0)": in_fit("sys.exit(0)"),
     "zero division": in_fit("1 / 0"),
@@ -384,3 +403,50 @@ def test_a_fit_of_others_runs_no_file_outside_the_working_directory(refused, tmp
     monkeypatch.setenv("BRDFATLAS_SOURCES", "")
     brdfatlas.MODELS.register_file("mine", model)
     assert brdfatlas.load_fit("fit.npz").source == source
+
+
+def test_rows_of_two_files_have_two_titles(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = OWN_MODEL.replace("import Model,", "import Model, Option,")
+    text = text.replace('formula = "a"', 'formula = "a"\n    options = {"k": Option(1, "a choice")}')
+    header = "material,kd_r,kd_g,kd_b,ks_r,ks_g,ks_b,f0,m\n"
+    for number in (1, 2):
+        Path(f"v{number}.py").write_text(text)
+        Path(f"v{number}.csv").write_text(f"{header}gold,1,1,1,1,1,1,0.5,0.1\n")
+    Path("models.yaml").write_text(
+        "first: {model: mine, source: v1.py, k: 3}\nsecond: {model: mine, source: v2.py, k: 3}\n"
+        "ngan_published: {model: ngan, parameters: v1.csv}\nours_published: {model: ngan, parameters: v2.csv}\n"
+    )
+    titles = [entry.title for entry in read_entries("models.yaml").values()]
+    assert len(set(titles)) == 4
+    assert titles[2].endswith(", published")
+
+
+@pytest.mark.parametrize(
+    "details",
+    [
+        "{'bound': 0.5}",
+        "{'bound': {'held': 3, 'count': 4, 'value': 0.0}}",
+        "{'bounds': 3}",
+        "{'channels': 3}",
+        "{'channels': ['red', 'green', 'blue']}",
+        "{'channels': [{'starts': 3}] * 3}",
+        "{'channels': [{'history': 'abc'}] * 3}",
+        "{'channels': [{'history': [np.nan] * 9}] * 3}",
+        "{'channels': [{'golden_section_calls': 'many'}] * 3}",
+        "[1, 2]",
+    ],
+)
+def test_details_may_have_the_names_of_ours_and_another_meaning(linked, tmp_path, monkeypatch, details):
+    monkeypatch.chdir(tmp_path)
+    Path("model.py").write_text(OWN_MODEL.replace("1, True)", f"1, True, details={details})"))
+    entry = Entry("mine", "mine", source="model.py")
+    brdfatlas.MODELS.use([entry])
+    binary = str(linked("measured.binary"))
+    outputs = {"mine": ("fits/mine.npz", "fits/mine.json")}
+    fit_job([entry.plain], 0, binary, False, outputs, {"mine": ""}, "made")
+    figures_job(binary, ["mine"], "fits", "measured", "figures.json")
+    write_json("facts.json", {"name": "measured", "class": "glossy"})
+    material = read_material("facts.json", ["fits/mine.json"])
+    summary = summarise_run([material], {"mine": model_facts("mine")})
+    assert [made.bounds for made in make_entries(material, summary, [SceneFacts("studio")], None)] == [""]

@@ -139,6 +139,10 @@ def test_faults_of_a_configuration_that_snakemake_says_nothing_of_are_told(tmp_p
     for name in ("mine.yaml", "twice.yaml"):
         with pytest.raises(ConfigError, match=rf"{name}: line 2: "):
             check_configfiles([tmp_path / "good.json", tmp_path / name])
+    for text in ('{"seed": 1, "seed": 2}', '{"render": {"size": 32, "samples": 8, "size": 64}}'):
+        (tmp_path / "twice.json").write_text(text)
+        with pytest.raises(ConfigError, match=r"twice\.json: .*'(seed|size)' stands twice"):
+            check_configfiles([tmp_path / "twice.json"])
 
 
 def numbers(value, key=()):

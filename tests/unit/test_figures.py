@@ -1,11 +1,13 @@
 """The numbers behind the drawn figures, and that equal data give equal files."""
 
 import re
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib import pyplot
 
 from brdfatlas import microfacet
 from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes, theta_h_centres
@@ -13,9 +15,11 @@ from brdfatlas.figures import style
 from brdfatlas.figures.curves import function_curves, plot_curves
 from brdfatlas.figures.functions import grouped, plot_functions
 from brdfatlas.figures.lobes import lobe, lobe_curves, outgoing_angles, plot_lobes
+from brdfatlas.figures.pareto import pareto_figure
 from brdfatlas.figures.summary import mean_errors, plot_summary
 from brdfatlas.fits import Fit
 from brdfatlas.measured import extend
+from brdfatlas.measures.summary import Summary
 from brdfatlas.models import MODELS
 from brdfatlas.models.base import Function
 
@@ -127,6 +131,36 @@ def test_curves_are_sorted_by_diffuseness_and_by_error(tmp_path):
     plot_summary(spoilt, {}, path)
     texts = ["".join(node.itertext()).strip() for node in ElementTree.parse(path).iter() if node.tag.endswith("text")]
     assert [text for text in texts if text in ("naive", "ggx")] == ["naive", "ggx"]
+
+
+@pytest.mark.parametrize("length", [3, 60, 80])
+def test_long_names_leave_the_plots_their_height(length, tmp_path, monkeypatch):
+    heights = []
+    monkeypatch.setattr(
+        style, "save", lambda figure, path: heights.extend(a.bbox.height / figure.dpi for a in figure.axes)
+    )
+    errors = errors_frame()
+    plot_summary(errors.assign(material=errors["material"].str.ljust(length, "x")), {}, tmp_path / "summary.svg")
+    assert min(heights) > 1.5  # inches; upside down it is negative
+
+
+@pytest.mark.parametrize("length", [20, 60, 200])
+def test_a_plot_of_error_against_cost_is_wide_whatever_models_are_called(length, monkeypatch):
+    titles = {name: f"Model, option {'x' * length} {name}" for name in "ab"}
+    about = {"family": "ours", "status": "", "reciprocal": True, "targets": ()}
+    models = {name: SimpleNamespace(title=title, **about) for name, title in titles.items()}
+    picture = {"material": "m", "scene": "s", "status": "ok", "psnr_db": 20.0}
+    errors = pd.DataFrame([picture | {"model": name, "de00_mean": n} for n, name in enumerate(models, 1)])
+    fit = {"material": "m", "status": "ok", "seconds": 1.0, "max_albedo": 1.0}
+    fits = pd.DataFrame([fit | {"model": name, "bytes": 100 / n} for n, name in enumerate(models, 1)])
+    widths = []
+    close = pyplot.close
+    monkeypatch.setattr(
+        pyplot, "close", lambda figure: widths.extend(a.bbox.width / figure.dpi for a in figure.axes) or close(figure)
+    )
+    pareto_figure(Summary(models, errors, fits, {"m": "glossy"}))
+    assert min(widths) > 1  # inches
+    assert len({style.short(title, 36) for title in titles.values()}) == 2
 
 
 def test_equal_data_give_equal_files_and_formats_follow_the_ending(tmp_path):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon
 from brdfatlas.figures.factors import compressed, plot_convergence, plot_slices, plot_weights, slice_of
@@ -45,6 +46,14 @@ def test_slices_and_weights(ending, measured, tmp_path):
     plot_slices(measured, {"naive": slice_of(random_fit("naive").table())}, tmp_path / f"slices.{ending}", title="m")
     plot_weights(measured, tmp_path / f"weights.{ending}")
     assert all((tmp_path / f"{name}.{ending}").stat().st_size > 2000 for name in ("slices", "weights"))
+
+
+def test_any_number_of_slices_makes_a_picture(measured, tmp_path):
+    cells = slice_of(measured.table)
+    plot_slices(measured, {f"model {number}": cells for number in range(70)}, tmp_path / "slices.webp")
+    with Image.open(tmp_path / "slices.webp") as image:
+        assert max(image.size) < 16384
+        assert image.height > 4 * 300  # in rows
 
 
 def test_convergence(tmp_path):

@@ -195,6 +195,7 @@ def broken():
         "black": (container(fields | {"rgb": 0 * fields["rgb"]}), "black"),
         "huge": (container(fields | {"rgb": 1e30 * fields["rgb"]}), "the most accepted"),
         "no area": (container(fields | {"sigma": np.eye(2, 8, 7, "f4")}), "field 'sigma' is 0 at some angle"),
+        "overflow": (container(fields | {"vndf": np.full(fields["vndf"].shape, 1e308)}), "'vndf' holds 1e\\+308"),
         "lying": (bytes(lying), "truncated"),
     }
 

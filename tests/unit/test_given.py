@@ -90,6 +90,21 @@ def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path, name, text, tol
     assert "\n" not in str(caught.value)
 
 
+def test_parameters_of_a_model_that_chooses_its_size_keep_their_shape(tmp_path):
+    shapes = {"f": (16, 3, 2), "u": (128, 2), "v": (16, 2)}
+    row = {name: np.full(shape, 0.5).tolist() for name, shape in shapes.items()}
+    wrong = {"flat": row | {"f": [0.5] * 96}, "short": row | {"u": row["u"][:9]}, "ragged": row | {"v": [[1, 2], [1]]}}
+    (tmp_path / "a.json").write_text(json.dumps({"x": row} | wrong))
+    entry = Entry("mine", "lawrence", parameters=str(tmp_path / "a.json"))
+    table = np.full((90, 90, 180, 3), 0.1, np.float32)
+    found = fit(entry, Measured("x", table))
+    assert {name: values.shape for name, values in found.parameters.items()} == shapes
+    assert np.isfinite(found.evaluate([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])).all()
+    for name in wrong:
+        with pytest.raises(ParameterFileError, match=rf"a\.json: {name}: "):
+            fit(entry, Measured(name, table))
+
+
 def test_a_file_that_is_not_there_and_a_model_that_the_format_does_not_know(tmp_path, public):
     with pytest.raises(ParameterFileError, match=r"none\.csv: cannot be read"):
         materials_of(tmp_path / "none.csv")

@@ -51,6 +51,18 @@ def test_what_is_no_render_is_named(render, tmp_path):
     assert read_meta(tmp_path / "text.exr") == {} == read_meta(tmp_path / "missing.exr")
 
 
+def test_chroma_is_not_left_out_silently(tmp_path):
+    import OpenEXR
+
+    values = np.full((4, 6), 0.5, np.float32)
+    header = {"type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"Y": values}).write(str(tmp_path / "grey.exr"))
+    assert (load_exr(tmp_path / "grey.exr") == 0.5).all()
+    OpenEXR.File(header, {"Y": values, "RY": values, "BY": -values}).write(str(tmp_path / "colour.exr"))
+    with pytest.raises(ImageError, match=r"colour\.exr: .*chroma"):
+        load_exr(tmp_path / "colour.exr")
+
+
 def test_a_failed_write_leaves_nothing(render, tmp_path):
     bad = Render(render.mean, render.batches[:, :3], render.mask)
     with pytest.raises(Exception):  # noqa: B017, PT011 - whatever the library raises for unequal channel sizes

@@ -47,6 +47,46 @@ def test_a_model_file_of_a_user(tmp_path):
     assert imports_of(path) == ("brdfatlas.models.base", "brdfatlas.models.base.Model")
 
 
+def test_what_a_model_from_outside_imports_of_its_folder_or_package_counts(tmp_path):
+    files = {
+        "mine.py": "import brdfatlas, numpy\nimport shared.lobes\ndef f():\n    from shared import parts, broken\n",
+        "shared/__init__.py": "",
+        "shared/lobes.py": "from . import deep\n",
+        "shared/deep.py": "",
+        "shared/parts.py": "",
+        "shared/broken.py": "def (:",
+        "shared/aside.py": "",
+        "brdfatlas/__init__.py": "",
+        "site-packages/numpy/__init__.py": "",
+        "site-packages/alone.py": "import numpy\n",
+        "site-packages/pack/__init__.py": "",
+        "site-packages/pack/util.py": "",
+        "site-packages/pack/models/__init__.py": "",
+        "site-packages/pack/models/mine.py": "import numpy, pack.util\nfrom .near import b\nfrom .. import far\n",
+        "site-packages/pack/models/near.py": "",
+        "site-packages/pack/far.py": "",
+    }
+    for name, text in files.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+    def found(name):
+        return {
+            str(path.relative_to(tmp_path))
+            for path in sources_of(str(tmp_path / name))
+            if path.is_relative_to(tmp_path)
+        }
+
+    package = {f"shared/{name}.py" for name in ("__init__", "lobes", "deep", "parts")}
+    assert found("mine.py") - {"shared/__init__.py"} == {"mine.py"} | package - {"shared/__init__.py"}
+    assert found("site-packages/alone.py") == {"site-packages/alone.py"}
+    wanted = {"models/mine.py", "models/near.py", "util.py", "far.py", "__init__.py"}
+    assert found("site-packages/pack/models/mine.py") - {"site-packages/pack/models/__init__.py"} == {
+        f"site-packages/pack/{name}" for name in wanted
+    }
+
+
 def test_an_absent_module_is_an_error():
     with pytest.raises(FileNotFoundError, match=r"brdfatlas\.nothing"):
         sources_of("brdfatlas.nothing")

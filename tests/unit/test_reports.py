@@ -6,6 +6,7 @@ import json
 import math
 import re
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree
@@ -17,15 +18,17 @@ from pypdf import PdfReader
 
 from brdfatlas.figures.pareto import pareto_figure, spread
 from brdfatlas.figures.pictures import read_hdr
+from brdfatlas.files import write_json
 from brdfatlas.measures.ranking import best_rows
 from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, Summary, best_of, median, pareto_front, score_models
 from brdfatlas.models import MODELS
 from brdfatlas.reports import formats, mathml
 from brdfatlas.reports.data import model_facts, physics_of, published_row, read_tsv, summarise_run, write_tsv
 from brdfatlas.reports.fit_files import files_of, fit_files_job
-from brdfatlas.reports.index_page import atlas_script, findings, run_tables, switch_settings
+from brdfatlas.reports.index_page import atlas_script, findings, list_failures, run_tables, switch_settings
 from brdfatlas.reports.model_page import strip
 from brdfatlas.reports.pdf import CAPTION, HEIGHT, WIDTH, tile_columns, write_material_pdf, write_supplement
+from brdfatlas.reports.viewer import write_viewer
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "browser"))
@@ -302,6 +305,36 @@ def test_findings_name_the_best_model_of_those_that_have_every_picture(run):
     order = [row["name"] for row in rows]
     assert order == [*middles.sort_values().index, "toy_03", "reference_again"], "best first, what lacks pictures last"
     assert {row["name"]: row["missing"] for row in rows}["toy_03"] == len(run.scenes)
+
+
+def test_a_row_without_parameters_for_a_material_has_not_failed(run, tmp_path):
+    def without(material, model):
+        fits = {name: record for name, record in material.fits.items() if name != model}
+        errors = material.errors[material.errors["model"] != model]
+        return replace(material, fits=fits, errors=errors, absent={model: "a.csv has no parameters for it"})
+
+    first, *rest = run.read()
+    materials = [without(first, "toy_02"), *rest]
+    summary = summary_of(run, materials)
+    text = findings(materials, summary)
+    assert "failed fits or renders: Toy 3." in text
+    assert text.endswith("some materials have no parameters for them: Toy 2.")
+    atlas = atlas_script(materials, summary, run.scenes, [*map(run.listing, run.materials)])
+    assert atlas["absent"] == [f"{first.name}/toy_02"]
+    assert atlas["reasons"][f"{first.name}/toy_02"] == "a.csv has no parameters for it"
+    assert f"{first.name}/toy_02" not in {
+        f"{f['material']}/{f['model']}" for f in list_failures(materials, summary.models)
+    }
+
+    for status in ("absent", "failed"):
+        (tmp_path / f"{status}.npz").write_bytes(b"")
+        write_json(tmp_path / f"{status}.json", {"status": status, "reason": "why"})
+    fits = [("a", "toy_01", tmp_path / "absent.npz"), ("a", "toy_02", tmp_path / "failed.npz")]
+    write_json(tmp_path / "a.json", {"name": "a"})
+    counts = write_viewer(
+        tmp_path / "viewer.html", data=tmp_path, fits=fits, materials={"a": tmp_path / "a.json"}, scenes=[]
+    )
+    assert counts["failed"] == 1
 
 
 def test_an_infinite_psnr_is_never_printed_as_a_word(run):

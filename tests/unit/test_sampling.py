@@ -281,6 +281,34 @@ def test_errors_name_what_is_wrong():
         sampler_from(description)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda told: told.pop("lobes"),
+        lambda told: told.update(lobes=[1]),
+        lambda told: told.update(lobes=5),
+        lambda told: told["lobes"][1].pop("kind"),
+        lambda told: told["lobes"][1].pop("alpha"),
+        lambda told: told["lobes"][1].update(alpha="wide"),
+        lambda told: told["lobes"][1].update(beta=1.0),
+        lambda told: told["lobes"][1].update(kind=["ward"]),
+        lambda told: told["lobes"][1].pop("weight"),
+        lambda told: told["lobes"][1].update(weight=2.0),
+        lambda told: told["lobes"][1].update(weight=-0.5),
+        lambda told: told["lobes"][1].update(weight=None),
+        lambda told: told.update(lobes=[]),
+    ],
+)
+def test_a_damaged_sampler_is_named(tmp_path, change):
+    told = describe_sampler(Fit("ward", "x", published_parameters("ward", "pvc")))
+    change(told)
+    for text in (json.dumps(told), "[]"):
+        (tmp_path / "a.json").write_text(text)
+        with pytest.raises(ValueError, match=r"a\.json: ") as caught:
+            load_sampler(tmp_path / "a.json")
+        assert str(caught.value).count("a.json") == 1
+
+
 def test_a_sampler_of_unknown_lobes_is_not_written():
     class Mirror(Diffuse):
         kind = "mirror"

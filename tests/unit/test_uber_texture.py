@@ -10,6 +10,7 @@ from brdfatlas.export.uber_texture import (
     D_AT,
     G_AT,
     RHO_S_AT,
+    UberTexture,
     UberTextureError,
     build_uber_texture,
     load_uber_texture,
@@ -80,6 +81,10 @@ def test_what_makes_no_texture(tmp_path):
     ):
         with pytest.raises(UberTextureError, match=reason):
             build_uber_texture(fits)
+    names = tuple(f"m{k}" for k in range(129))
+    save_uber_texture(tmp_path / "many.exr", UberTexture(np.zeros((128, 512, 3), np.float32), names, "g_from_d"))
+    with pytest.raises(UberTextureError, match=r"many\.exr: names 129 materials in 128 rows"):
+        load_uber_texture(tmp_path / "many.exr")
     path = tmp_path / "text.exr"
     path.write_text("no picture")
     with pytest.raises(UberTextureError, match=r"text\.exr: not an EXR"):

@@ -75,6 +75,25 @@ def test_a_bad_file_of_given_parameters_stops_before_any_work(project):
     assert not (project.root / "results").exists()
 
 
+@pytest.mark.parametrize("key", ["measured_folder", "models_file", "scenes_file"])
+def test_a_path_that_the_system_refuses_is_told_in_a_line(project, key):
+    project.configure(**{key: "x" * 300})
+    done = project.snakemake("--dry-run", check=False)
+    assert done.returncode != 0
+    assert "xxx: File name too long" in done.stdout
+    assert "pathlib" not in done.stdout, "no way through the code"
+
+
+def test_a_run_without_a_row_stops_before_any_work(project):
+    header = "material,kd_r,kd_g,kd_b,ks_r,ks_g,ks_b,f0,m\n"
+    (project.root / "mine.csv").write_text(f"{header}gold,1,1,1,1,1,1,0.5,0.1\n")
+    (project.root / "mine.yaml").write_text("mine: {model: ngan, parameters: mine.csv}\n")
+    project.configure(models="all", models_file="mine.yaml")
+    done = project.snakemake("--dry-run", check=False)
+    assert done.returncode != 0
+    assert "models: no row is left to compare: mine.csv has no parameters for it" in done.stdout
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [("render: {samples: 010}\n", "010 would be read as 8"), ("seed: 3\nseed: 4\n", "'seed' stands twice")],

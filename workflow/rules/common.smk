@@ -78,6 +78,8 @@ def scene_files(names):
     source = config["scenes_file"]
     try:
         return [file for name in names for file in files_of_scene(name, ALL_SCENES[name], source, ASSETS)]
+    except OSError as error:
+        raise SystemExit(f"{source}: {shown(error.filename or '.')}: {error.strerror}; correct the path") from None
     except ValueError as error:
         raise SystemExit(str(error)) from None
 

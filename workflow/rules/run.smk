@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
-from brdfatlas.files import stamps
+from brdfatlas.files import shown, stamps
 from brdfatlas.models import name_sources, read_entries
 from brdfatlas.models.given import why_no_row
 from brdfatlas.pipeline.configuration import (
@@ -50,6 +50,7 @@ try:
     check_samples(config, {name: ALL_SCENES[name] for name in SCENES})
     FOUND, LEFT_OUT, CHECKS = find_materials(config, "results/standins", "results/checks.json")
     # An entry of given parameters stands in the run if any material has them.
+    reason = f"{config['models_file']} has none"
     for name in list(MODELS):
         if not ALL_ENTRIES[name].parameters:
             continue
@@ -59,7 +60,15 @@ try:
         ]
         if all(reasons):
             MODELS.remove(name)
-            print(f"left out: {name}: {reasons[0]}", file=sys.stderr)
+            reason = reasons[0]
+            print(f"left out: {name}: {reason}", file=sys.stderr)
+    if not MODELS:
+        raise ValueError(f"config: models: no row is left to compare: {reason}")
+except OSError as error:
+    # A name longer than any may be, a folder that this user may not enter.
+    raise WorkflowError(
+        f"{shown(error.filename or '.')}: {error.strerror}; correct the configuration, or make it readable"
+    ) from None
 except ValueError as error:
     raise WorkflowError(str(error)) from None
 

@@ -134,6 +134,8 @@ def load_uber_texture(path: str | os.PathLike) -> UberTexture:
     lines = {
         key: tuple(filter(None, str(header.get(_PREFIX + key, "")).split("\n"))) for key in ("materials", "standins")
     }
+    if len(lines["materials"]) > HEIGHT:
+        raise UberTextureError(f"{path}: names {len(lines['materials'])} materials in {HEIGHT} rows, it is damaged")
     return UberTexture(texels, lines["materials"], str(header[_PREFIX + "model"]), lines["standins"])
 
 

@@ -29,6 +29,8 @@ def compressed(values: np.ndarray, median: float) -> np.ndarray:
     return -np.expm1(-np.log(2) * np.maximum(values, 0) / max(median, 1e-300))
 
 
+#: Slices side by side: a WebP has at most 16,383 pixels a side.
+COLUMNS = 16
 #: phi_d of the slices, degrees.
 SLICE = 90.0
 
@@ -55,20 +57,22 @@ def plot_slices(
     pictures = {"reference (stand-in)" if measured.standin else "reference": slice_of(measured.table)}
     pictures |= slices
     with style.paper():
-        figure = Figure(figsize=(1.75 * len(pictures) + 0.6, 2.5))
-        places = _squares(figure, len(pictures), top=0.7 if title else 0.45)
+        columns = min(len(pictures), COLUMNS)
+        rows = -(-len(pictures) // columns)
+        figure = Figure(figsize=(1.75 * columns + 0.6, 2.5 * rows))
+        places = _squares(figure, rows, columns, top=0.7 if title else 0.45)
         for box, (name, table) in zip(places, pictures.items()):
             picture = np.stack([compressed(table[..., c], medians[c]) for c in range(3)], -1)
             picture = np.where(valid[..., None], picture, NO_DATA)
-            _map(figure, box, picture, textwrap.fill(name, 22), first=box is places[0])
+            _map(figure, box, picture, textwrap.fill(name, 22), first=box in places[::columns])
         if title:
             figure.suptitle(title)
         style.save(figure, path)
 
 
-def _squares(figure: Figure, count: int, **margins: float) -> list[Bbox]:
-    """Places for so many maps side by side."""
-    places = boxes(figure, 1, count, gaps=(0.15, 0), **margins)
+def _squares(figure: Figure, rows: int, columns: int, **margins: float) -> list[Bbox]:
+    """Places for so many maps, row by row."""
+    places = boxes(figure, rows, columns, gaps=(0.15, 0.85), **margins)
     return [box.shrunk_to_aspect(1).anchored("C", box) for box in places]
 
 
@@ -99,7 +103,7 @@ def plot_weights(measured: Measured, path: str | os.PathLike, *, power: float = 
     colours = ScalarMappable(Normalize(0, 1), "viridis")
     with style.paper():
         figure = Figure(figsize=(8.4, 2.4))
-        places = _squares(figure, 4, right=0.6, top=0.5 if title else 0.25)
+        places = _squares(figure, 1, 4, right=0.6, top=0.5 if title else 0.25)
         for box, (name, values) in zip(places, parts.items()):
             values = np.where(keep, values, 0)
             picture = colours.to_rgba(values / (values.max() or 1.0))[..., :3]

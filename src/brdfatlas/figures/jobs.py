@@ -17,7 +17,7 @@ from brdfatlas.figures.lobes import lobe_curves, plot_lobes
 from brdfatlas.figures.samples import plot_samples
 from brdfatlas.figures.tables import has_few_products, table_file, write_table
 from brdfatlas.files import digests, read_record, write_json, write_text
-from brdfatlas.fits import Fit, load_fit
+from brdfatlas.fits import Fit, known_details, load_fit
 from brdfatlas.formats.reader import read
 from brdfatlas.measured import extend
 from brdfatlas.models import MODELS
@@ -106,7 +106,7 @@ def _draw_fit(fit: Fit, title: str, report: Mapping[str, Any], folder: Path, nam
     drawn, file = set(), f"{name}.svg"
     if plot_functions(fit, folder / "functions" / file):
         drawn.add(f"functions/{file}")
-    channels = (report.get("details") or {}).get("channels")
+    channels = known_details(report)["channels"]
     if channels and plot_convergence(channels, folder / "convergence" / file, title=title):
         drawn.add(f"convergence/{file}")
     return drawn

@@ -19,6 +19,9 @@ FAMILIES = {
     "ours": ("#8a3fa8", "v"),
 }
 
+#: Characters of a model's title beside a plot, which keeps more than an inch of width.
+LONGEST = 36
+
 
 def spread(heights: Sequence[float], gap: float) -> list[float]:
     """Descending ``heights`` moved apart to at least ``gap``, about their own middle, in the same order."""
@@ -40,7 +43,8 @@ def pareto_figure(summary: Summary) -> bytes:
     end = min((values[name] for name in drawn if values[name] > 0), default=1.0) / 1.35
     values = {name: max(value, end) for name, value in values.items()}
     with style.paper():
-        names = 0.25 + 0.05 * max(len(summary.models[name].title) for name in drawn)  # inches beside each plot
+        titles = {name: style.short(summary.models[name].title, LONGEST) for name in drawn}
+        names = 0.25 + 0.05 * max(map(len, titles.values()))  # inches beside each plot
         figure, (both,) = style.panels(1, 2, (style.PAGE, 3.0), right=names, bottom=0.6, gaps=(names + 0.2, 0))
         both[1].sharey(both[0])
         for axes, key in zip(both, ("bytes", "seconds"), strict=True):
@@ -61,7 +65,7 @@ def pareto_figure(summary: Summary) -> bytes:
             heights = [(math.log(points[name][1]) - low) / (high - low) for name in order]
             for name, height in zip(order, spread(heights, 0.055), strict=True):
                 axes.annotate(
-                    summary.models[name].title.replace("$", r"\$"), points[name], (1.03, height),
+                    titles[name].replace("$", r"\$"), points[name], (1.03, height),
                     textcoords="axes fraction", fontsize=6.5, va="center", annotation_clip=False,
                     arrowprops={"arrowstyle": "-", "lw": 0.3, "color": "0.6", "shrinkA": 1, "shrinkB": 2},
                 )  # fmt: skip

@@ -71,6 +71,11 @@ def line_of(number: int) -> dict[str, str]:
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": LINES[number // len(COLOURS) % len(LINES)]}
 
 
+def short(words: str, most: int) -> str:
+    """At most so many characters: its ends, which tell titles with other options apart."""
+    return words if len(words) <= most else f"{words[: most // 2 - 1]}…{words[len(words) - (most - most // 2) :]}"
+
+
 #: Degrees with a tick on the root scale.
 ROOT_TICKS = (0, 1, 5, 15, 30, 60, 90)
 

@@ -14,6 +14,9 @@ from brdfatlas.files import read_record
 from brdfatlas.measures.summary import LEADING, median
 from brdfatlas.measures.tsv import read_tsv
 
+#: Characters of a model's title in the legend, which is as wide as the room for it.
+LONGEST = 42
+
 
 def mean_errors(errors: pd.DataFrame, column: str = LEADING.key) -> pd.DataFrame:
     """An error averaged over scenes: materials x models, NaN where a fit failed.
@@ -63,7 +66,8 @@ def plot_summary(
     with style.paper():
         marker = "o" if count <= 40 else ""
         below = 0.15 + 0.05 * max(map(len, table.index)) if count <= 40 else 0.4  # inches, of names or one line
-        figure, axes = style.panels(2, 1, (8.4, 7.2), right=2.45, bottom=below, top=0.25, gaps=(0, below + 0.3))
+        size = (8.4, max(7.2, 2 * below + 4.6))  # long names take nothing of the plots
+        figure, axes = style.panels(2, 1, size, right=2.45, bottom=below, top=0.25, gaps=(0, below + 0.3))
         axes[1, 0].sharey(axes[0, 0])
         for axis, (order, title) in zip(axes[:, 0], orders):
             for model in ranked:
@@ -73,7 +77,7 @@ def plot_summary(
                     marker=marker,
                     markersize=2.5,
                     linewidth=1.1,
-                    label=names.get(model, model),
+                    label=style.short(names.get(model, model), LONGEST),
                     **style.line_of(models.index(model)),
                 )
             axis.set_title(f"Materials {title}", loc="left")

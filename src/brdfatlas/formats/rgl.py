@@ -30,6 +30,10 @@ TYPES = {1: "u1", 2: "i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4", 7: "<u8", 8: 
 DIRECTORY_BYTES, FIELD_BYTES = 1 << 16, 1 << 28
 
 
+#: Beyond any number of a file: sums of such would overflow.
+LARGEST = 1e100
+
+
 def recognises(head: bytes) -> bool:
     """Whether a file that begins so is a container of tensors."""
     return head.startswith(MAGIC)
@@ -135,6 +139,8 @@ def read_tensors(path: str | os.PathLike) -> Tensors:
     for name, values in {"sigma": sigma, "ndf": ndf, "vndf": vndf, "rgb": rgb}.items():
         if min(values.shape[-2:]) < 2:
             raise MeasuredError(f"{path}: field {name!r} has shape {values.shape}, two nodes a side are needed")
+        if np.abs(values).max() > LARGEST:
+            raise MeasuredError(f"{path}: field {name!r} holds {np.abs(values).max():.3g}; download the file again")
         if name != "rgb" and values.min() < 0:
             raise MeasuredError(f"{path}: field {name!r} has negative values, a density has none")
         if name == "sigma" and values.min() == 0:  # f is divided by it

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, grid_axes
+from brdfatlas.angles import GRID_SHAPE, N_PHI_D, N_THETA_D, N_THETA_H, above_horizon, directions, grid_axes
 from brdfatlas.constants import OBJECTIVE_NAMES
 from brdfatlas.measured import Measured
 from brdfatlas.sampling import Sampler
@@ -150,6 +150,15 @@ class Function:
     values: np.ndarray
     unit: str = ""
 
+    def __post_init__(self) -> None:
+        """ValueError for an unknown axis and other shapes, which only the figures would stumble over."""
+        angle, values = (np.asarray(getattr(self, name), float) for name in ("angle", "values"))
+        if self.axis not in ("theta_h", "theta_d", "phi_d", "theta"):
+            raise ValueError(f"a function over {self.axis!r}; theta_h, theta_d, phi_d or theta is needed")
+        if angle.ndim != 1 or values.shape not in (angle.shape, (*angle.shape, 3)):
+            raise ValueError(f"a function with angle {angle.shape} and values {values.shape}; (n,) and (n,) or (n, 3)")
+        vars(self).update(angle=angle, values=values)
+
 
 @dataclass(frozen=True, eq=False)
 class Factors:
@@ -168,6 +177,20 @@ class Factors:
     g: np.ndarray | None = None
     h: np.ndarray | None = None
     rho_s: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        """ValueError for other shapes, which only figures, viewer and textures would stumble over."""
+        count = np.shape(self.d)[1:2]
+        shapes = {"rho_d": (3,), "d": (3, *count, N_THETA_H), "f": (3, *count, N_THETA_D)}
+        shapes |= {"g": (3, 90), "h": (3, N_PHI_D), "rho_s": (3,)}
+        for name, shape in shapes.items():
+            value = getattr(self, name)
+            if value is None and name in ("g", "h", "rho_s"):
+                continue
+            array = np.asarray(value, float)
+            if array.shape != shape or not array.size:
+                raise ValueError(f"factors with {name} {array.shape}; {shape} is needed")
+            vars(self)[name] = array
 
 
 @dataclass(eq=False)

@@ -66,12 +66,11 @@ class Entry:
         that without options. Where neither options nor published parameters tell rows apart, the entry's name does."""
         name = "" if self.name == self.model else f" ({self.name})"
         if self.parameters and self.name.endswith(PUBLISHED):
-            return f"{told}, published"
+            return f"{told}, published{'' if self.name == self.model + PUBLISHED else name}"
         if self.parameters:
             return f"{told}, given parameters{name}"
-        if told == plain:
-            return f"{told}{name}"
-        return told
+        # two files may hold models of one name with the same options
+        return f"{told}{name}" if told == plain or self.source else told
 
     @property
     def title(self) -> str:

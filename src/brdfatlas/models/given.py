@@ -74,7 +74,8 @@ def read_parameters(path: str | os.PathLike, model: Model, material: str) -> dic
             form = f"; {near[:80]} are not {name}_r, {name}_g, {name}_b or {name}_1, {name}_2, ..." if near else ""
             raise ParameterFileError(f"{where}: is missing{form}; model {model.name} needs {_named(model)}")
         try:
-            value = np.array(given[parameter.name], object).reshape(-1)
+            nested = np.array(given[parameter.name], object)
+            value = nested.reshape(-1)
             if any(isinstance(item, bool) for item in value):
                 raise ValueError
             values = np.array([digits(item) if isinstance(item, str) else item for item in value], object).astype(float)
@@ -85,7 +86,15 @@ def read_parameters(path: str | os.PathLike, model: Model, material: str) -> dic
             raise ParameterFileError(f"{where}: has {values.size} values instead of {parameter.count}")
         if not np.isfinite(values).all():
             raise ParameterFileError(f"{where}: holds NaN or Inf")
-        parameters[parameter.name] = values if model.variable_size else values.reshape(parameter.shape)
+        shape = nested.shape if model.variable_size else parameter.shape
+        if len(shape) != len(parameter.shape):
+            raise ParameterFileError(
+                f"{where}: has shape {shape}; lists within lists, such as {parameter.shape}, are needed"
+            )
+        parameters[parameter.name] = values.reshape(shape)
+    fault = model.shape_fault(parameters, model.check_options({}))
+    if fault:
+        raise ParameterFileError(f"{path}: {material}: {fault}")
     return parameters
 
 

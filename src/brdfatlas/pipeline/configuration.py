@@ -1,5 +1,6 @@
 """The configuration: read, completed with defaults, checked. Every fault is one line with file, key and remedy."""
 
+import json
 import os
 import re
 import sys
@@ -88,6 +89,20 @@ def check_configfiles(paths: Iterable[str | Path]) -> None:
     for path in paths:
         if Path(path).suffix != ".json":
             read_yaml(path)
+            continue
+        try:
+            json.loads(Path(path).read_text(encoding="utf-8"), object_pairs_hook=_once)
+        except ValueError as error:
+            raise ConfigError(f"{path}: not usable JSON ({error})") from None
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The mapping of pairs whose keys stand once."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"key {next(key for key in keys if keys.count(key) > 1)!r} stands twice")
+    return found
 
 
 def read_config(config: Mapping[str, Any], source: str = "config") -> dict[str, Any]:

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from brdfatlas.constants import NAME
-from brdfatlas.files import atomic_path, read_json, write_json, write_text
+from brdfatlas.files import atomic_path, read_record, write_json, write_text
 from brdfatlas.formats.merl import FILE_BYTES, check_header
 from brdfatlas.formats.rgl import check as check_rgl
 from brdfatlas.measured import MeasuredError
@@ -158,7 +158,7 @@ def fetch_asset(
     DownloadError.
     """
     path, record = Path(path), Path(record)
-    known = read_json(record) if record.exists() else {}
+    known = dict(read_record(record)) if record.exists() else {}
     expected = Remote(remote.url, remote.size, remote.checksum or known.get(remote.url))
     target = path.with_name(path.name + ".tar.gz") if member else path
     try:

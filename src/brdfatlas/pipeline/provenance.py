@@ -63,6 +63,36 @@ def imports_of(path: Path) -> tuple[str, ...]:
     return tuple(name for name in names if name.startswith(f"{PACKAGE}."))
 
 
+def _beside(path: Path) -> Iterator[Path]:
+    """Files of its own package, or of its folder, that a model from outside imports, by its import statements."""
+    top, own = path.parent, ""  # where the names of absolute imports are looked for, and what they begin with
+    while (top / "__init__.py").is_file():
+        top, own = top.parent, top.name
+    for block in _blocks(_compiled(path)):
+        level, members = None, None
+        for instruction in dis.get_instructions(block):
+            if instruction.opname == "LOAD_CONST":
+                level, members = members, instruction.argval
+            elif instruction.opname == "IMPORT_NAME":
+                parts = instruction.argval.split(".")
+                if level:
+                    folder = path.parents[min(level, len(path.parents)) - 1]
+                elif parts[0] == PACKAGE or (parts[0] != own if own else top.name.endswith("-packages")):
+                    continue  # another package's
+                else:
+                    folder = top
+                place = folder.joinpath(*parts)
+                for module in (place, *(place / member for member in members or ())):
+                    yield from filter(_compiles, (Path(f"{module}.py").resolve(), (module / "__init__.py").resolve()))
+
+
+def _compiles(path: Path) -> bool:
+    try:
+        return path.is_file() and bool(_compiled(path))
+    except (SyntaxError, ValueError):  # the import says so, if it comes to that
+        return False
+
+
 @cache
 def sources_of(*modules: str) -> tuple[Path, ...]:
     """Source files that ``modules`` (dotted names, or paths of model files) depend on, transitively.
@@ -81,6 +111,7 @@ def sources_of(*modules: str) -> tuple[Path, ...]:
         if path not in found:
             found.add(path)
             pending += [target for name in imports_of(path) if (target := module_path(name))]
+            pending += [] if path.is_relative_to(ROOT) else _beside(path)
     return tuple(sorted(found))
 
 

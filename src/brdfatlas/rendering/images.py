@@ -133,6 +133,8 @@ def load_exr(path: str | os.PathLike) -> np.ndarray:
     _, channels = _open(path)
     if all(name in channels for name in "RGB"):
         return _rgb(channels)
+    if {"RY", "BY"} & channels.keys():  # its luminance alone would be a grey picture
+        raise ImageError(f"{path}: colour as luminance and chroma (Y, RY, BY); save it as R, G, B")
     if "Y" in channels:
         return np.repeat(channels["Y"][..., None], 3, -1).astype(np.float32)
     raise ImageError(f"{path}: no channels R, G, B (found: {', '.join(sorted(channels))})")

@@ -94,8 +94,8 @@ def _repaired(mesh: _Parsed) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[s
     if not used.all():
         faces = (np.cumsum(used) - 1)[faces]
         vertices, stored = vertices[used], None if stored is None else stored[used]
-    height = np.ptp(vertices[:, 1])
-    if height <= 0:
+    extent = np.ptp(vertices, axis=0)
+    if extent[1] <= 1e-5 * extent.max():  # rounding, which a scene would scale to its size
         raise ValueError("the mesh has no height (y is up)")
     if stored is None or not np.isfinite(stored).all() or (np.linalg.norm(stored, axis=1) < 0.5).any():
         stored = vertex_normals(vertices, faces)

@@ -11,7 +11,7 @@ import pandas as pd
 
 from brdfatlas.constants import ABSENT
 from brdfatlas.files import read_record
-from brdfatlas.fits import report_faults
+from brdfatlas.fits import known_details, report_faults
 from brdfatlas.measured import RECONSTRUCTED
 from brdfatlas.measures import tsv
 from brdfatlas.measures.summary import Summary
@@ -253,7 +253,7 @@ def physics_of(record: Mapping[str, Any] | None) -> dict[str, float | None]:
 
 def golden_section_calls(record: Mapping[str, Any]) -> int | None:
     """How often the line search of an alternating fit was called, over its channels; None where none is counted."""
-    channels = (record.get("details") or {}).get("channels") or []
+    channels = known_details(record)["channels"]
     counts = [item["golden_section_calls"] for item in channels if "golden_section_calls" in item]
     return sum(counts) if counts else None
 

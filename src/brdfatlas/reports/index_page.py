@@ -248,9 +248,11 @@ def findings(materials: Sequence[Material], summary: Summary) -> str:
     """What this run says, from its own numbers: the best model, a small one, what an engine can load, the hardest and
     the easiest material, all by ΔE00."""
     ranked = [name for name in summary.order() if name in summary.complete()]
+    failed = {item["model"] for item in list_failures(materials, summary.models)}
     if not ranked:
         one = "No model has a picture in this run: every fit or render failed."
-        other = "No model has every picture of this run, so the models cannot be compared: fits or renders failed."
+        why = "fits or renders failed" if failed else "no row has parameters for every material"
+        other = f"No model has every picture of this run, so the models cannot be compared: {why}."
         return other if any(summary.scores.get(name) for name in summary.models) else one
     names = list(summary.classes)
 
@@ -274,9 +276,13 @@ def findings(materials: Sequence[Material], summary: Summary) -> str:
         text += f". The hardest material is {titles[high]} (median ΔE00 over the models {digits(hard[high], 2)})"
         text += f", the easiest {titles[low]} ({digits(hard[low], 2)})"
     text += "."
-    aside = [summary.models[name].title for name in summary.models if summary.missing[name]]
-    if aside:
-        text += f" Not ranked because of failed fits or renders: {', '.join(aside)}."
+    aside = [name for name in summary.models if summary.missing[name]]
+    for why, names in (
+        ("of failed fits or renders", [name for name in aside if name in failed]),
+        ("some materials have no parameters for them", [name for name in aside if name not in failed]),
+    ):
+        if names:
+            text += f" Not ranked because {why}: {', '.join(summary.models[name].title for name in names)}."
     return text
 
 
@@ -331,7 +337,9 @@ def atlas_script(
         "seconds": [[rounded((m.fits.get(model) or {}).get("seconds")) for model in models] for m in materials],
         "bytes": [[m.stored_bytes(model) for model in models] for m in materials],
         "best": _best_places(materials, scenes, models),
-        "reasons": {f"{f['material']}/{f['model']}": f["reason"] for f in list_failures(materials, summary.models)},
+        "reasons": {f"{f['material']}/{f['model']}": f["reason"] for f in list_failures(materials, summary.models)}
+        | {f"{m.name}/{model}": reason for m in materials for model, reason in m.absent.items()},
+        "absent": [f"{m.name}/{model}" for m in materials for model in m.absent],
         "values": _value_columns(materials, scenes, names),
     }
 

@@ -14,6 +14,7 @@ from brdfatlas.constants import REFERENCE, REFERENCE_AGAIN
 from brdfatlas.export.targets import stem_of
 from brdfatlas.figures.pictures import ANIMATION, CONVERGENCE, picture_file
 from brdfatlas.files import read_record
+from brdfatlas.fits import known_details
 from brdfatlas.measures.summary import BRDF_MEASURES, BUDGETS, LEADING, MEASURES, PSNR, Summary, best_by_noise, best_of
 from brdfatlas.reports.data import (
     Material,
@@ -223,7 +224,7 @@ def make_entries(
     for entry in entries:
         entry.published = published_row(published, entry.name, material.name)
         entry.parameters = parameter_table(entry)
-        entry.bounds = bounds_text((entry.fit or {}).get("details") or {})
+        entry.bounds = bounds_text(known_details(entry.fit or {}))
     return entries
 
 
@@ -362,9 +363,9 @@ def parameter_table(entry: Entry) -> list[dict[str, Any]]:
 
 
 def bounds_text(details: Mapping[str, Any]) -> str:
-    """Which bounds a fit has reached, from its report; "" if none. ``bound``: how many values of a factor lie at its
-    lower bound; ``bounds``: parameters at an end of their range."""
-    bound, listed = details.get("bound") or {}, details.get("bounds") or []
+    """Which bounds a fit has reached, from :func:`.fits.known_details`; "" if none. ``bound``: how many values of a
+    factor lie at its lower bound; ``bounds``: parameters at an end of their range."""
+    bound, listed = details["bound"], details["bounds"]
     found = []
     if bound.get("held"):
         found.append(

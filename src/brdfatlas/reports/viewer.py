@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.angles import N_PHI_D, N_THETA_H
-from brdfatlas.constants import LUMINANCE, REFERENCE
+from brdfatlas.constants import ABSENT, LUMINANCE, REFERENCE
 from brdfatlas.export.uber_texture import D_AT, F_AT, G_AT, RHO_D_AT, RHO_S_AT, WIDTH
 from brdfatlas.figures.tables import has_few_products
 from brdfatlas.files import read_npz, read_record, write_text
@@ -152,7 +152,7 @@ def write_viewer(
         report = read_record(Path(path).with_suffix(".json"), "status")
         if report["status"] != "ok":
             found[f"{material}/{model}"] = " ".join(str(report.get("reason") or "the fit failed").split())
-            counts["failed"] += 1
+            counts["failed"] += report["status"] != ABSENT
             continue
         rows = factor_rows(load_fit(path).factors())
         counts["factors" if rows is not None else "tables"] += 1

@@ -179,7 +179,9 @@
     const v = number(model, "psnr_db");
     return v === null ? "–" : v === Infinity ? "∞" : `${number(model, "psnr_se_db") === Infinity ? "≥ " : ""}${v.toFixed(1)}`;
   }
-  const delta = (model) => (model === "reference" ? "" : number(model, "de00_mean") === null ? "failed" : `ΔE00 ${digits(number(model, "de00_mean"), 2)}`);
+  // Why a model has no picture: its fit failed, or it is given parameters that there are not for the material.
+  const lack = (model) => (A.absent.includes(`${state.m}/${model}`) ? "no parameters" : "failed");
+  const delta = (model) => (model === "reference" ? "" : number(model, "de00_mean") === null ? lack(model) : `ΔE00 ${digits(number(model, "de00_mean"), 2)}`);
   function draw() {
     scheduled = false;
     const ratio = window.devicePixelRatio || 1, box = canvas.getBoundingClientRect();
@@ -281,7 +283,7 @@
       if (!failed) image.src = `materials/${encodeURIComponent(state.m)}/renders/${encodeURIComponent(state.s)}/${encodeURIComponent(name)}/render.webp`;
       image.alt = ""; image.width = image.height = 40; image.loading = "lazy";
       image.hidden = failed;
-      words.append(make("span", "name", titleOf(name)), make("span", "value", name === "reference" ? "" : failed ? "failed" : `ΔE00 ${digits(number(name, "de00_mean"), 2)} · FLIP ${digits(number(name, "flip_mean"), 3)} · ${psnr(name)} dB`));
+      words.append(make("span", "name", titleOf(name)), make("span", "value", name === "reference" ? "" : failed ? lack(name) : `ΔE00 ${digits(number(name, "de00_mean"), 2)} · FLIP ${digits(number(name, "flip_mean"), 3)} · ${psnr(name)} dB`));
       button.append(image, words, key.textContent ? key : make("span", ""));
       button.addEventListener("click", () => change({ b: name }));
       li.append(button);
