@@ -52,5 +52,6 @@ clean:  ## remove results/ and what the last run made in reports/; what you have
 	@[ ! -f results/reports.tsv ] || $(BIN)/python -c "from brdfatlas.pipeline.leftovers import record_reports_job as \
 		record; record([], {}, 'results/reports.tsv', lambda line: None)" > /dev/null
 	@rm -rf results .snakemake
+	@mkdir -p reports
 	@find reports -mindepth 1 -type d -empty -delete
 	@find reports -type f ! -path reports/README.md | sed 's/$$/: kept, not as the last run made it/'

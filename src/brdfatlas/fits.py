@@ -356,7 +356,8 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     """Fit ``model`` (a name, an entry or a Model) to a material; ``options`` stand over those of the entry.
 
     An entry with given parameters is not fitted: its row holds those of the material (:mod:`.models.given`). The model
-    gets a read-only table. ``report["seconds"]`` leaves out what the first fit of an installation spends on compiling.
+    gets a read-only table. ``report["seconds"]`` leaves out what the first fit of an installation spends on compiling;
+    it is None where nothing was fitted.
 
     Raises KeyError for an unknown model, TypeError for what is none, ValueError for an unknown option or a material
     without a name, FitError where the model has no finite fit for this material, or where the code of a model from
@@ -391,7 +392,7 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
             "iterations": int(result.iterations),
             "converged": bool(result.converged),
             "message": str(result.message),
-            "seconds": seconds,
+            "seconds": None if entry.parameters else seconds,
             "seed": seed,
             "bytes": sum(array.nbytes for array in parameters.values()),
             "details": result.details,

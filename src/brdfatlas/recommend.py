@@ -255,7 +255,8 @@ def recommend(
     reasons: dict[str, str] = {}
     for count, (name, outcome) in enumerate(_fit_all(measured, entries, seed, processes), 1):
         if isinstance(outcome, Fit):
-            fits[name], note = outcome, f"{outcome.report['seconds']:.2f} s"
+            fits[name], seconds = outcome, outcome.report["seconds"]
+            note = "given parameters" if seconds is None else f"{seconds:.2f} s"
         else:
             reasons[name] = note = outcome
         tell(f"fit {count}/{len(entries)} {name}: {note}")
@@ -432,7 +433,8 @@ def _rows(
             rows.append(Row(de00=float("nan"), bytes=entry.bytes, reason=reasons[entry.name], **known))
             continue
         errors = image_errors(renders[REFERENCE], renders[entry.name], tone)
-        known |= {"bytes": fits[entry.name].bytes, "seconds": fits[entry.name].report["seconds"]}
+        seconds = fits[entry.name].report["seconds"]
+        known |= {"bytes": fits[entry.name].bytes, "seconds": float("nan") if seconds is None else seconds}
         shown = {"de00": errors["de00_mean"], "flip": errors["flip_mean"], "psnr_db": errors["psnr_db"]}
         rows.append(Row(**shown, **known))
     return sorted(rows, key=lambda row: (not np.isfinite(row.de00), np.nan_to_num(row.de00), row.bytes, row.model))

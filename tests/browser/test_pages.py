@@ -782,3 +782,99 @@ def local_size(url: str) -> int:
     from urllib.parse import unquote, urlparse
 
     return Path(unquote(urlparse(url).path)).stat().st_size
+
+
+def test_ticks_are_told_apart_and_say_where_they_stand(tab, site):
+    """On a narrow axis three digits are too few: 45.01 and 45.02 were both 45, and 1.5e-4 was 2e-4."""
+    page = tab.open(site.reports / "index.html")
+    for low, high, kind in ((45.01, 45.05, ""), (0.9991, 0.9999, ""), (1.2e-4, 1.21e-4, "log"), (1.2e5, 1.2004e5, "")):
+        words = page.evaluate(
+            """([low, high, kind]) => {
+              const node = document.createElement("div");
+              document.body.append(node);
+              const series = [{ name: "a", title: "a", index: 0, values: [[1, low], [2, high]] }];
+              AtlasCharts.lines(node, { series, ykind: kind, label: "a" });
+              return [...node.querySelectorAll("text[text-anchor=end]")].map((t) => t.textContent);
+            }""",
+            [low, high, kind],
+        )
+        ticks = [float(text.replace("−", "-").replace("k", "e3")) for text in words]
+        assert len(set(ticks)) == len(words) > 2
+        gaps = np.diff(ticks)
+        assert np.allclose(gaps, gaps[0], rtol=1e-3), "evenly spaced, as they are drawn"
+
+
+def test_a_chart_without_lines_stays_empty(tab, site):
+    page = tab.open(site.reports / "index.html")
+    page.locator("#query").fill("nothing of that name")
+    assert "Nothing to draw" in page.locator("#pareto").inner_text()
+    page.set_viewport_size({"width": 900, "height": 900})
+    page.wait_for_function("innerWidth === 900 && new Promise((done) => setTimeout(() => done(true), 200))")
+    assert "Nothing to draw" in page.locator("#pareto").inner_text()
+    assert "Nothing to draw" in page.locator("#curves").inner_text()
+
+
+def test_all_columns_off_stay_off(tab, site):
+    page = tab.open(site.reports / "index.html")
+    page.locator("#columns summary").click()
+    while page.locator("#columns input:checked").count():
+        page.locator("#columns input:checked").first.click()
+    page.reload()
+    assert page.locator("#leaderboard thead th:visible").count() == 1
+
+
+def test_a_printed_table_keeps_its_columns(tab, site):
+    page = tab.open(site.reports / "materials/pvc.html")
+    page.emulate_media(media="print")
+    cells = page.locator("#numbers-table [data-scene]")
+    assert set(cells.evaluate_all("cells => cells.map((c) => getComputedStyle(c).display)")) == {"table-cell", "none"}
+
+
+def test_compare_names_the_saved_picture_after_what_is_in_front(tab, site):
+    page = tab.open(site.reports / "compare.html", "#m=pvc&b=toy_04&v=flip")
+    page.wait_for_selector("#canvas[data-ready=true]")
+    page.keyboard.press("`")
+    page.wait_for_selector("#canvas[data-ready=true][data-shown=reference]")
+    with page.expect_download() as download:
+        page.locator("#save").click()
+    assert download.value.suggested_filename == "pvc-studio-reference-flip.png"
+
+
+def test_compare_shows_a_state_that_there_is(tab, site):
+    """A divider within the picture; no exposure of a map, which has the run's."""
+    page = tab.open(site.reports / "compare.html", "#m=pvc&b=toy_04&v=swipe&w=5")
+    assert page.locator("#divided").inner_text() == "100 %"
+    page.locator("#view").select_option("de00")
+    page.keyboard.press("e")
+    assert page.locator("#stops").inner_text() == "0 stops"
+
+
+def test_what_cannot_be_judged_says_why_and_hides_nothing_else(tab, tmp_path):
+    """One scene of a fit that failed there: its tile says why and the other scene's is shown; the page of the model
+    has the reason in its table and no mean over fewer scenes; views of several pictures leave it out."""
+    from synthetic import make_run, toy_models
+
+    with MODELS.restored():
+        models = toy_models(tmp_path / "toys", 2)
+        run = make_run(tmp_path, ["pvc", "chrome"], models, size=48, failed=("chrome", "toy_01"))
+        path = tmp_path / "results/errors/pvc.tsv"
+        table = pd.read_csv(path, sep="\t")
+        lost = (table["model"] == "toy_01") & (table["scene"] == "grove")
+        table.loc[lost, table.columns[4:]] = np.nan
+        table.loc[lost, "status"] = "failed"
+        table.assign(reason=np.where(lost, "black there", "")).to_csv(path, sep="\t", index=False, na_rep="nan")
+        run.write_site()
+    page = tab.open(run.reports / "materials/pvc.html")
+    tile = page.locator("#tiles [data-model=toy_01]")
+    assert (tile.locator("img").is_visible(), tile.locator(".missing").is_visible()) == (True, False)
+    page.get_by_role("button", name="grove").click()
+    assert (tile.locator("img").is_visible(), "black there" in tile.inner_text()) == (False, True)
+    assert "ΔE00" not in tile.inner_text()
+    page = tab.open(run.reports / "models/toy_01.html")
+    row = page.locator("#materials tbody tr").first
+    assert "black there" in row.inner_text()
+    assert row.locator("td").count() == page.locator("#materials thead th").count() - 1
+    assert tab.faults == []
+    page = tab.open(run.reports / "compare.html", "#m=chrome&s=studio&b=toy_00&v=three")
+    page.wait_for_selector("#canvas[data-ready=true]")
+    assert page.locator("#tags .tag").count() == 2

@@ -268,6 +268,27 @@ def test_viewer_split_and_controls(tab, viewer):
     assert faults == [], "an accessibility scan of the working viewer"
 
 
+def test_viewer_leaves_the_keys_of_the_browser(tab, viewer):
+    """Ctrl+R reloads what is shown; it reset view, light and exposure first."""
+    page = tab.open(viewer[0], "#x=1&t=2&e=1")
+    page.locator("#canvas").focus()
+    for keys in ("Control+r", "Control+.", "Alt+ArrowUp"):
+        page.keyboard.press(keys)
+    page.wait_for_function("window.ATLAS_VIEWER")
+    state = page.evaluate("ATLAS_VIEWER.state")
+    assert {key: state[key] for key in "xteyw"} == {"x": 1, "t": 2, "e": 1, "y": 0, "w": 0.5}
+
+
+def test_viewer_says_that_its_context_is_gone(tab, viewer):
+    page = tab.open(viewer[0])
+    page.evaluate(
+        "document.getElementById('canvas').getContext('webgl2').getExtension('WEBGL_lose_context').loseContext()"
+    )
+    page.wait_for_function("document.getElementById('message').textContent.includes('graphics context')")
+    page.evaluate("ATLAS_VIEWER.change({ e: 1 })")
+    assert "graphics context" in page.locator("#message").inner_text()
+
+
 def test_viewer_keeps_its_state(tab, viewer):
     """Reload, Back and a link show the same; the reference is beside the models at first; the divider is dragged."""
     path, _environment, _fits = viewer

@@ -190,3 +190,13 @@ def test_a_job_without_a_row_says_so_and_is_no_failure(public, tmp_path):
     (tmp_path / "facts.json").write_text('{"name": "chrome"}')
     material = read_material(tmp_path / "facts.json", [paths[1]])
     assert (dict(material.fits), dict(material.absent)) == ({}, {"mine": report["reason"]})
+
+
+def test_parameters_that_are_given_took_no_time_to_fit():
+    """The time of reading a file led the Pareto line of seconds."""
+    from brdfatlas.fits import fit
+    from brdfatlas.pipeline.standins import make_standin
+    from brdfatlas.settings import located
+
+    row = Entry("ward_published", "ward", parameters=located("config/published/bilgili2011/ward.csv"))
+    assert fit(row, make_standin("chrome")).report["seconds"] is None

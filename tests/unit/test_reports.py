@@ -1,6 +1,7 @@
 """Pages and PDF from the files of a made-up run: numbers, order, escaping, honesty, weight."""
 
 import hashlib
+import io
 import itertools
 import json
 import math
@@ -22,7 +23,7 @@ from brdfatlas.files import write_json
 from brdfatlas.measures.ranking import best_rows
 from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, Summary, best_of, median, pareto_front, score_models
 from brdfatlas.models import MODELS
-from brdfatlas.reports import formats, mathml
+from brdfatlas.reports import formats, mathml, pdf
 from brdfatlas.reports.data import model_facts, physics_of, published_row, read_tsv, summarise_run, write_tsv
 from brdfatlas.reports.fit_files import files_of, fit_files_job
 from brdfatlas.reports.index_page import atlas_script, findings, list_failures, run_tables, switch_settings
@@ -540,6 +541,35 @@ def test_a_long_pdf_has_contents_that_lead_to_its_materials(tmp_path):
     heights = [float(link["/Rect"][1]) for link in links]
     assert heights == sorted(heights, reverse=True), "a link over each line, from the top"
     assert min(heights) > 0
+
+
+def test_contents_lead_to_materials_whose_names_end_in_numbers(tmp_path):
+    """A title "sample 40" is no page number."""
+    models = toy_models(tmp_path / "toys", 2)
+    made = make_run(tmp_path, [f"sample-{i}" for i in range(40, 53)], models, ("studio",), size=16)
+    reader = PdfReader(build_pdf(made, tmp_path / "pdf"))
+    links = [a.get_object() for a in reader.pages[2]["/Annots"]]
+    places = {page.indirect_reference.idnum: number for number, page in enumerate(reader.pages)}
+    found = [places[list.__getitem__(link["/Dest"], 0).idnum] for link in links]
+    assert found == [3 + 4 * i for i in range(len(made.materials))]
+
+
+def test_a_long_paragraph_of_the_pdf_is_not_cut_off(monkeypatch, run):
+    """It is as high as two lines of the usual size; what is longer is set smaller."""
+    found = {}
+    monkeypatch.setattr(pdf, "_write", lambda path, content: found.update({path: content}))
+    monkeypatch.setattr(pdf, "material_lede", lambda *_: "Many words of a lede, " * 40 + "andtheend")
+    name = run.materials[0]
+    write_material_pdf("out", **run.of(name), assets=run.reports / "assets", models=run.models, scenes=run.scenes)
+    heights = {}
+
+    def visit(text, cm, tm, _font, _size):
+        for word in ("andtheend", "Renderings"):
+            if word in text:
+                heights[word] = tm[4] * cm[1] + tm[5] * cm[3] + cm[5]
+
+    PdfReader(io.BytesIO(found["out"])).pages[0].extract_text(visitor_text=visit)
+    assert heights["andtheend"] > heights["Renderings"] + 10
 
 
 def test_labels_are_moved_apart_and_no_further():

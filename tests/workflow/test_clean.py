@@ -25,4 +25,5 @@ def test_clean_keeps_what_a_person_has_put_into_reports(tmp_path):
     assert left == {"Makefile", *own, made[2]}
     assert not (tmp_path / "results").exists()
     assert "reports/notes.txt: kept" in done.stdout
+    shutil.rmtree(tmp_path / "reports")
     subprocess.run(clean, cwd=tmp_path, check=True)

@@ -38,6 +38,8 @@ EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 TITLE = "BRDF atlas: supplement"
 A4 = (595.276, 841.89)
+#: Where columns of the contents begin, points.
+MARGINS = (39.7, 311.8)
 #: Measures of the tables.
 TABLE = ("de00_mean", "de00_p95", "flip_mean", "psnr_db", "psnr_tonemapped_db", "ssim")
 #: Width of a page's content and the height that both grids of tiles may take, mm; a tile's caption has four lines.
@@ -269,7 +271,8 @@ def _link_contents(writer: PdfWriter, front: PdfReader, materials: Sequence[Mate
 
         def visit(text, cm, tm, _font, _size, lines=lines):
             x, y = (tm[4] * cm[i] + tm[5] * cm[2 + i] + cm[4 + i] for i in (0, 1))
-            if text.strip() and y > 0:
+            # what begins at a margin is a title, which may end in a number
+            if text.strip() and y > 0 and min(abs(x - margin) for margin in MARGINS) > 1:
                 lines.append((y, x, text.strip()))
 
         page.extract_text(visitor_text=visit)

@@ -18,13 +18,20 @@
   const widthOf = (text, size = 12) => { pen.font = `${size}px ${getComputedStyle(document.body).fontFamily}`; return pen.measureText(text).width; };
 
   // --- numbers and ticks ---------------------------------------------------------------------------------------------
-  const short = (v) => {
+  const short = (v, digits = 3) => {
     const s = Math.abs(v);
-    if (s >= 1e6) return `${+(v / 1e6).toPrecision(3)}M`;
-    if (s >= 1e3) return `${+(v / 1e3).toPrecision(3)}k`;
-    if (s && s < 1e-3) return v.toExponential(0).replace("e-", "e−");
-    return String(+v.toPrecision(3)).replace("-", "−");
+    if (s >= 1e6) return `${+(v / 1e6).toPrecision(digits)}M`;
+    if (s >= 1e3) return `${+(v / 1e3).toPrecision(digits)}k`;
+    if (s && s < 1e-3) return (+v.toPrecision(digits)).toExponential().replaceAll("-", "−");
+    return String(+v.toPrecision(digits)).replace("-", "−");
   };
+  // What stands at ticks: as many digits as tell them apart.
+  function words(ticks) {
+    const gap = Math.min(...ticks.slice(1).map((t, i) => Math.abs(t - ticks[i])));
+    let digits = 3;
+    while (digits < 12 && ticks.some((t) => Math.abs(+t.toPrecision(digits) - t) > 0.01 * gap)) digits++;
+    return ticks.map((t) => short(t, digits));
+  }
   function linearTicks(low, high, wanted = 5) {
     const raw = (high - low) / wanted || 1, size = 10 ** Math.floor(Math.log10(raw));
     const step = [1, 2, 5, 10].map((k) => k * size).find((s) => s >= raw);
@@ -71,20 +78,26 @@
     node.replaceChildren(draw(width));
     watcher.observe(node);
   }
+  // Words in place of a chart, which is not to come back when its room changes.
+  function nothing(node, text) {
+    drawn.delete(node);
+    node.textContent = text;
+  }
   function frame({ width, height, x, y, xkind, ykind, xlabel, ylabel, xticks, yticks, label, left, bottom = 42, top = 24, right = 14 }) {
     const svg = el("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "group", "aria-label": label });
     const ys = yticks || (ykind === "log" ? logTicks(...y) : linearTicks(...y));
-    const edge = left ?? Math.ceil(Math.max(...ys.map((t) => widthOf(short(t))))) + 14;
+    const named = words(ys), edge = left ?? Math.ceil(Math.max(...named.map((text) => widthOf(text)))) + 14;
     const box = { left: edge, right: width - right, top, bottom: height - bottom };
     const sx = scale(x, [box.left, box.right], xkind), sy = scale(y, [box.bottom, box.top], ykind);
-    for (const t of ys) svg.append(el("line", { class: "grid", x1: box.left, x2: box.right, y1: sy(t), y2: sy(t) }), el("text", { x: box.left - 8, y: sy(t) + 4, "text-anchor": "end" }, short(t)));
+    ys.forEach((t, i) => svg.append(el("line", { class: "grid", x1: box.left, x2: box.right, y1: sy(t), y2: sy(t) }), el("text", { x: box.left - 8, y: sy(t) + 4, "text-anchor": "end" }, named[i])));
     let last = -Infinity;
-    for (const t of xticks || (xkind === "log" ? logTicks(...x) : linearTicks(...x, Math.max(2, Math.floor(width / 110))))) {
-      const half = widthOf(short(t)) / 2;
+    const xs = xticks || (xkind === "log" ? logTicks(...x) : linearTicks(...x, Math.max(2, Math.floor(width / 110)))), below = words(xs);
+    for (const [i, t] of xs.entries()) {
+      const half = widthOf(below[i]) / 2;
       svg.append(el("line", { class: "axis", x1: sx(t), x2: sx(t), y1: box.bottom, y2: box.bottom + 4 }));
       if (sx(t) - half < last + 8 || sx(t) + half > width) continue;
       last = sx(t) + half;
-      svg.append(el("text", { x: sx(t), y: box.bottom + 18, "text-anchor": "middle" }, short(t)));
+      svg.append(el("text", { x: sx(t), y: box.bottom + 18, "text-anchor": "middle" }, below[i]));
     }
     svg.append(el("line", { class: "axis", x1: box.left, x2: box.right, y1: box.bottom, y2: box.bottom }),
       el("text", { x: (box.left + box.right) / 2, y: height - 4, "text-anchor": "middle" }, xlabel), el("text", { x: 0, y: 12 }, ylabel));
@@ -110,7 +123,7 @@
   // rest is named on hover and focus.
   function scatter(node, { points, front, xlabel, ylabel, label, ylog }) {
     const all = points.filter((p) => Number.isFinite(p.x) && p.x > 0 && !Number.isNaN(p.y));
-    if (!all.length) { node.textContent = "Nothing to draw: no numbers."; return; }
+    if (!all.length) { nothing(node, "Nothing to draw: no numbers."); return; }
     const range = padded(all.map((p) => p.y), ylog), place = within(range), good = all.map((p) => ({ ...p, y: place(p.y) }));
     paint(node, (width) => {
       const line = front.map((name) => good.find((p) => p.name === name)).filter(Boolean);
@@ -158,7 +171,7 @@
   function lines(node, { series, xlabel, ylabel, label, xkind = "", ykind = "", xticks, xrange, yrange, bands = [], height = 320 }) {
     const usable = (v) => Number.isFinite(v) && (ykind !== "log" || v > 0);
     const ys = series.flatMap((s) => s.values.map((v) => v[1])).filter(usable);
-    if (!ys.length) { node.textContent = "Nothing to draw: no finite numbers."; return; }
+    if (!ys.length) { nothing(node, "Nothing to draw: no finite numbers."); return; }
     paint(node, (width) => {
       const y = yrange || (ykind === "log" ? padded([Math.max(Math.min(...ys), Math.max(...ys) * 1e-7), Math.max(...ys)], true) : padded(ys, false));
       const x = xrange || [Math.min(...series.map((s) => s.values[0][0])), Math.max(...series.map((s) => s.values.at(-1)[0]))];
@@ -184,7 +197,7 @@
   // rows: {name, title, family, href, dots: [{x, text, href}], middle}
   function dots(node, { rows, xlabel, label, xlog }) {
     const all = rows.flatMap((r) => r.dots.map((d) => d.x)).filter((v) => !Number.isNaN(v));
-    if (!all.length) { node.textContent = "Nothing to draw: no numbers."; return; }
+    if (!all.length) { nothing(node, "Nothing to draw: no numbers."); return; }
     const range = padded(all, xlog), place = within(range);
     paint(node, (width) => {
       const left = Math.min(Math.max(...rows.map((r) => widthOf(r.title))) + 14, width * 0.45), step = 20, height = rows.length * step + 66;

@@ -28,6 +28,7 @@
     for (const key of ["e", "z", "x", "y", "w"]) if (given[key] && Number.isFinite(Number(given[key]))) next[key] = Number(given[key]);
     next.e = Math.min(Math.max(next.e, -8), 8);
     next.z = Math.min(Math.max(next.z, 1 / 32), 32);
+    next.w = Math.min(Math.max(next.w, 0), 1);
     state = next;
   }
   let ownHash = "";
@@ -50,7 +51,7 @@
     return A.models.map((x) => [number(x.name, "de00_mean", m, s), x]).sort(([a], [b]) => (a === null) - (b === null) || a - b).map(([, x]) => x);
   }
   const shownModels = () => {
-    const count = { side: 2, three: 3, four: 4 }[state.v] || 2, order = ranked().filter((x) => ![state.a, state.b].includes(x.name)).map((x) => x.name);
+    const count = { side: 2, three: 3, four: 4 }[state.v] || 2, order = ranked().filter((x) => ![state.a, state.b].includes(x.name) && number(x.name, "de00_mean") !== null).map((x) => x.name);
     return [state.a, state.b, ...order].slice(0, count);
   };
 
@@ -332,11 +333,13 @@
   $("copy").addEventListener("click", async () => {
     try { await navigator.clipboard.writeText(location.href); $("status").textContent = "The link is copied."; } catch { $("status").textContent = `The link: ${location.href}`; }
   });
+  // Whose picture is in front, of the two that are chosen.
+  const front = () => (state.v === "flip" && flipped ? state.a : state.b);
   $("save").addEventListener("click", () => {
     try {
       const link = document.createElement("a");
       link.href = canvas.toDataURL("image/png");
-      link.download = `${state.m}-${state.s}-${state.b}-${state.v}.png`;
+      link.download = `${state.m}-${state.s}-${front()}-${state.v}.png`;
       link.click();
     } catch { // of a page from a file, a canvas that shows a picture file cannot be read
       const file = Object.assign(document.createElement("a"), { href: mapOf(state.b).src, textContent: "the picture file" });
@@ -367,7 +370,7 @@
     return new Blob([view], { type: "image/x-exr" });
   }
   $("exr").addEventListener("click", () => {
-    const model = state.v === "flip" && flipped ? state.a : state.b, picture = (store.get(idOf(model)) || {}).picture;
+    const model = front(), picture = (store.get(idOf(model)) || {}).picture;
     if (!picture) { $("status").textContent = "The picture is not loaded."; return; }
     const link = document.createElement("a");
     link.href = URL.createObjectURL(exr(picture));
@@ -378,6 +381,8 @@
   const reset = () => { flipped = false; change({ e: 0, z: 1, x: 0.5, y: 0.5, w: 0.5 }); };
   $("reset").addEventListener("click", reset);
   $("help-button").addEventListener("click", () => $("help").showModal());
+  // Maps that the run drew have its exposure.
+  const expose = (by) => { if (!MAPS[state.v]) change({ e: Math.min(Math.max(state.e + by, -8), 8) }); };
   const zoom = (factor) => change({ z: Math.min(Math.max(state.z * factor, 1 / 4), 32) });
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
@@ -396,7 +401,7 @@
     const act = {
       "`": () => { if (state.v !== "flip") change({ v: "flip" }); flipped = true; schedule(); }, "1:1": actual, f: () => change({ z: 1, x: 0.5, y: 0.5 }), o: actual,
       " ": () => { flipped = !flipped; if (state.v !== "flip") change({ v: "flip" }); schedule(); },
-      e: () => change({ e: Math.min(state.e + 0.5, 8) }), E: () => change({ e: Math.max(state.e - 0.5, -8) }),
+      e: () => expose(0.5), E: () => expose(-0.5),
       ArrowRight: () => change({ m: step(A.materials, state.m, 1) }), ArrowLeft: () => change({ m: step(A.materials, state.m, -1) }),
       ArrowDown: () => change({ b: step([MODELS[0], ...ranked()], state.b, 1) }), ArrowUp: () => change({ b: step([MODELS[0], ...ranked()], state.b, -1) }),
       r: reset, v: () => change({ v: VIEWS[(VIEWS.indexOf(state.v) + 1) % VIEWS.length] }), s: () => change({ s: step(A.scenes, state.s, 1) }),

@@ -37,7 +37,7 @@
   const significant = (v) => (v === 0 ? "0" : Math.abs(v) < 1e-4 ? v.toExponential(2) : v.toFixed(Math.max(0, 2 - Math.floor(Math.log10(Math.abs(v))))));
   const text = (v, d = measure().digits) => (v === null || Number.isNaN(v) ? "–" : v === Infinity ? "∞" : (d === null ? significant(v) : v.toFixed(d)).replace("-", "−"));
   const storage = (b) => (b >= 1e6 ? `${+(b / 1e6).toPrecision(3)} MB` : b >= 1e3 ? `${+(b / 1e3).toPrecision(3)} kB` : `${Math.round(b)} B`);
-  const seconds = (s) => (s < 1 ? `${Math.round(1000 * s)} ms` : s < 100 ? `${s.toFixed(1)} s` : `${Math.round(s / 60)} min`);
+  const seconds = (s) => (s === null || Number.isNaN(s) ? "–" : s < 1 ? `${Math.round(1000 * s)} ms` : s < 100 ? `${s.toFixed(1)} s` : `${Math.round(s / 60)} min`);
   function shown() {
     const words = $("query").value.toLowerCase().split(/\s+/).filter(Boolean), wanted = $("class").value;
     return A.materials.map((m, j) => j).filter((j) => {
@@ -68,7 +68,7 @@
     links.append(node("a", { href: `compare.html#m=${url(A.materials[j].name)}&s=${url(A.scenes[0].name)}&b=${url(model.name)}` }, "compare"));
     return node("td", { "data-model": model.name },
       node("a", { href: `${folder(j)}.html#fit-${url(model.name)}`, class: "pick" }, node("img", { src: picture(j, model.name), width: 72, height: 72, loading: "lazy", decoding: "async", alt: "" }), node("strong", {}, model.title)),
-      node("span", { class: "numbers" }, `ΔE00 ${text(de, 2)} · ${storage(bytes)} · ${time === null ? "–" : seconds(time)}`), links);
+      node("span", { class: "numbers" }, `ΔE00 ${text(de, 2)} · ${storage(bytes)} · ${seconds(time)}`), links);
   }
   function head(material) {
     const j = A.materials.indexOf(material);
@@ -253,7 +253,7 @@
     drawPareto(ranking(shown()), shown());
   }));
   $("switches").addEventListener("change", () => { P.set({ only: [...$("switches").querySelectorAll("input:checked")].map((b) => b.value).join(",") }); drawRecommended(); });
-  $("columns").addEventListener("change", () => { const on = boxes().filter((b) => b.checked).map((b) => b.value).join(","); P.set({ columns: on === defaults ? "" : on }); drawColumns(); });
+  $("columns").addEventListener("change", () => { const on = boxes().filter((b) => b.checked).map((b) => b.value).join(","); P.set({ columns: on === defaults ? "" : on || "none" }); drawColumns(); });
   $("controls").addEventListener("submit", (e) => e.preventDefault());
   C.familyLegend($("families"), A.families);
   P.follow(read);

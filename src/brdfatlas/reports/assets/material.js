@@ -37,6 +37,12 @@
       const tile = tiles.get(model.name), img = tile.querySelector("img");
       $("tiles").append(tile);
       if (!img) continue;
+      // A picture that cannot be judged says why in its place.
+      const lost = value(model) === null, missing = tile.querySelector(".missing");
+      tile.querySelector("a").hidden = lost;
+      if (missing) missing.hidden = !lost;
+      tile.querySelector(".value").hidden = lost;
+      if (lost) continue;
       img.src = `${url(D.material)}/renders/${url(scene)}/${url(model.name)}/${kind}.webp`;
       tile.querySelector("a").href = `../compare.html#m=${url(D.material)}&s=${url(scene)}&b=${url(model.name)}${view ? `&v=${view}` : ""}`;
       const shown = text(value(model), digits), mark = document.createElement("strong");
@@ -89,7 +95,7 @@
       button.addEventListener("click", () => { incidence = i; $("incidence").querySelectorAll("button").forEach((b, n) => b.setAttribute("aria-pressed", String(n === i))); draw(); });
       return button;
     }));
-    C.legend($("function-legend"), order, off, () => { P.set({ on: order.filter((m) => !off.has(m.name)).map((m) => m.name).join(",") }); draw(); });
+    C.legend($("function-legend"), order, off, () => { P.set({ on: order.filter((m) => !off.has(m.name)).map((m) => m.name).join(",") || "," }); draw(); });
     draw();
   };
 })();

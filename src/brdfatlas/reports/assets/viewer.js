@@ -326,7 +326,11 @@ void main() {
   }
   const titleOf = (list, name) => list.find((item) => item.name === name).title;
   const shownAs = (side) => { const [material, model] = of(side); return `${titleOf(D.materials, material)}, ${titleOf(D.models, model)}`; };
+  // A browser may take the graphics context away, and give one back: all is loaded anew then, from the address.
+  canvas.addEventListener("webglcontextlost", (e) => { e.preventDefault(); paused = true; told(); });
+  canvas.addEventListener("webglcontextrestored", () => location.reload());
   function told() {
+    if (gl.isContextLost()) { say("The browser has taken the graphics context away; reload the page."); return; }
     say(sides.map((place, side) => (place.fault ? `${shownAs(side)} cannot be shown: ${place.fault}.` : "")).filter(Boolean).join(" "));
   }
   let targets = [], samples = 0, budget = 4096, paused = false;
@@ -442,6 +446,7 @@ void main() {
   for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { last = null; dividing = false; });
   canvas.addEventListener("contextmenu", (e) => e.preventDefault());
   canvas.addEventListener("keydown", (e) => {
+    if (e.ctrlKey || e.metaKey || e.altKey) return; // the browser's own, such as Ctrl+R
     const by = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[e.key];
     if (by) { e.preventDefault(); turnBy(...by, e.shiftKey); }
     if (e.key === "," || e.key === ".") change({ w: Math.min(Math.max(state.w + (e.key === "," ? -0.05 : 0.05), 0), 1) });
