@@ -64,6 +64,10 @@ class Fit:
     def __hash__(self) -> int:
         return hash((self.entry, self.model, self.material))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without a model that is from a file, as an entry."""
+        return {name: value for name, value in vars(self).items() if name != "instance" or not self.source}
+
     @cached_property
     def instance(self) -> Model:
         """The model itself. KeyError or ImportError where it cannot be found."""
