@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon
+from brdfatlas.cli.commands import stored_fit
+from brdfatlas.export.fit_json import export_json, import_json
 from brdfatlas.files import read_json
 from brdfatlas.fits import fit, load_fit
 from brdfatlas.formats.merl import write_merl
@@ -20,6 +22,7 @@ from brdfatlas.models import MODELS, Entry, Registry, load_model_file, read_entr
 from brdfatlas.models.base import FitError, Model, Option
 from brdfatlas.pipeline.jobs import fit_job
 from brdfatlas.recommend import recommend
+from brdfatlas.rendering.bsdf import load_table
 from brdfatlas.settings import ConfigError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -82,6 +85,33 @@ def test_files_named_in_the_checkouts_own_rows_are_found_from_any_folder(tmp_pat
         assert Path(entry.source).is_absolute() == (folder == tmp_path)
     monkeypatch.chdir(tmp_path)
     assert Entry.of("lambertian", row).source == row["source"], "a study's own rows name files of the study"
+
+
+def test_a_fit_taken_home_finds_the_file_that_was_named(tmp_path, monkeypatch):
+    """Where its own path leads nowhere; a model of the package needs no file, whatever is named for another fit."""
+    monkeypatch.chdir(ROOT)
+    fits = [
+        fit(entry, constant_material())
+        for entry in (Entry("l", "lambertian", source="examples/lambertian.py"), "lambert")
+    ]
+    paths = []
+    for fitted in fits:
+        fitted.save(tmp_path / f"{fitted.entry}.npz")
+        export_json(fitted, tmp_path / f"{fitted.entry}.json")
+        paths += [(tmp_path / f"{fitted.entry}{ending}", fitted) for ending in (".npz", ".json")]
+    monkeypatch.chdir(tmp_path)
+    for path, fitted in paths:
+        assert np.array_equal(stored_fit(str(path), str(EXAMPLE)).table(), fitted.table(), equal_nan=True)
+    with pytest.raises(ValueError, match="register_file"):
+        load_fit("l.npz")
+    with MODELS.restored():
+        MODELS.register_file("lambertian", EXAMPLE)
+        for path, fitted in paths:
+            assert np.array_equal(
+                load_table(path)[0] if path.suffix == ".npz" else import_json(path).table(),
+                fitted.table(),
+                equal_nan=True,
+            )
 
 
 def test_a_model_joins_by_its_path(tmp_path):
