@@ -21,6 +21,7 @@ from brdfatlas.measured import Measured, fold
 from brdfatlas.models import MODELS, Entry, is_ours, load_model, own_faults
 from brdfatlas.models.base import Factors, FitError, Function, Model, Result, numbers
 from brdfatlas.models.given import outside_range, read_parameters
+from brdfatlas.models.loading import BUILTIN
 from brdfatlas.sampling import Sampler
 
 #: Most bytes that a fit may have: several times a table with a number of its own for every cell of the grid.
@@ -63,6 +64,10 @@ class Fit:
 
     def __hash__(self) -> int:
         return hash((self.entry, self.model, self.material))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without a model that is from a file, as an entry."""
+        return {name: value for name, value in vars(self).items() if name != "instance" or not self.source}
 
     @cached_property
     def instance(self) -> Model:
@@ -186,7 +191,7 @@ def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -
         if json_of(path) == "fit":
             raise ValueError("an export as JSON, which brdfatlas.export.fit_json.import_json reads")
         fitted = _fit_of(read_npz(path, most_bytes=MOST_BYTES))
-        fitted = replace(fitted, source=str(source)) if source else fitted
+        fitted = with_source(fitted, source)
     except FileNotFoundError:
         raise ValueError(f"{name}: no such fit") from None
     except OSError as error:
@@ -195,6 +200,16 @@ def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -
         raise ValueError(f"{name}: not a brdfatlas fit ({str(error).removeprefix(f'{name}: ')})") from None
     check_fit(fitted, path, trusted=bool(source))
     return fitted
+
+
+def with_source(fitted: Fit, source: str | os.PathLike | None) -> Fit:
+    """A stored fit with the place of its model's file: ``source``, else, where its own is not there, the one that the
+    user named for this model. A model of the package has no file."""
+    if source and not fitted.source and fitted.model in BUILTIN:
+        return fitted
+    if not source and fitted.source and not os.path.isfile(fitted.source):
+        source = MODELS.source_of(fitted.model)
+    return replace(fitted, source=str(source)) if source else fitted
 
 
 def load_reported(path: str | os.PathLike, report: Mapping[str, Any], entry: str, material: str) -> Fit:
@@ -248,7 +263,9 @@ def check_fit(fitted: Fit, path: str | os.PathLike, *, trusted: bool = False) ->
         model = fitted.instance
     except (KeyError, ImportError) as error:
         fault = f"its model {shown(fitted.model)!r} cannot be used ({shown(error.args[0])})"
-        raise ValueError(f"{name}: {fault}; say where the model's file is: source=FILE.py, or --source") from None
+        raise ValueError(
+            f"{name}: {fault}; say where the model's file is: source=FILE.py, --source, or register_file"
+        ) from None
     try:
         options = model.check_options(fitted.options)
     except ValueError as error:

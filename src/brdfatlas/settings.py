@@ -25,11 +25,13 @@ class ConfigError(ValueError):
     """The configuration cannot be used; the message is one line that names file, key and remedy."""
 
 
-def located(path: str | Path) -> str:
+def located(path: str | Path, *, checkout: bool = False) -> str:
     """``path``, or the package's own file where the working directory lacks this file of config/: a study in a folder
-    of its own takes from the package what it does not state itself."""
-    own = CONFIG.joinpath(*Path(path).parts[1:])
-    return str(own if Path(path).parts[:1] == ("config",) and not Path(path).exists() and own.exists() else path)
+    of its own takes from the package what it does not state itself. ``checkout``: of any folder beside config/ too."""
+    own = CONFIG.joinpath(*Path(path).parts[1:]) if Path(path).parts[:1] == ("config",) else None
+    if checkout and own is None:
+        own = CONFIG.resolve().parent / path
+    return str(own if own and not Path(path).exists() and own.exists() else path)
 
 
 class _Loader(yaml.SafeLoader):

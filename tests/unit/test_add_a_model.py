@@ -1,13 +1,18 @@
 """docs/add-a-model.md holds: a model from outside the package, by path and by entry point, is fitted and evaluated."""
 
+import pickle
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from brdfatlas.angles import GRID_SHAPE, above_horizon
+from brdfatlas.cli.commands import stored_fit
+from brdfatlas.export.fit_json import export_json, import_json
 from brdfatlas.files import read_json
 from brdfatlas.fits import fit, load_fit
 from brdfatlas.formats.merl import write_merl
@@ -16,6 +21,8 @@ from brdfatlas.measures.physics import physics_checks
 from brdfatlas.models import MODELS, Entry, Registry, load_model_file, read_entries
 from brdfatlas.models.base import FitError, Model, Option
 from brdfatlas.pipeline.jobs import fit_job
+from brdfatlas.recommend import recommend
+from brdfatlas.rendering.bsdf import load_table
 from brdfatlas.settings import ConfigError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,6 +55,63 @@ def check_fit(name: str | Entry, folder: Path) -> None:
     assert checks["reciprocity_error"] == 0
     assert checks["bad_cells"] == 0
     np.testing.assert_allclose(checks["max_albedo"], np.pi * GREY, rtol=1e-5)
+
+
+def test_workers_fit_a_model_from_a_file(tmp_path):
+    """A fresh process knows no module of that file."""
+    with MODELS.restored():
+        MODELS.register_file("lambertian", EXAMPLE)
+        found = recommend(constant_material(), models=["lambertian", "lambert"], processes=2, size=24, samples=16)
+    assert {"lambertian", "lambert"} == set(found.fits)
+
+
+def test_an_entry_and_a_fit_of_a_file_are_found_in_another_process():
+    entry = Entry("lambertian", "lambertian", source=str(EXAMPLE))
+    fitted = fit(entry, constant_material())
+    code = """import pickle, sys
+entry, fitted = pickle.load(sys.stdin.buffer)
+print(entry.instance.name, fitted.evaluate([0, 0, 1.0], [0, 0, 1.0]))"""
+    done = subprocess.run([sys.executable, "-c", code], input=pickle.dumps((entry, fitted)), capture_output=True)
+    assert done.stdout.decode().startswith("lambertian [0.25 "), done.stderr.decode()
+
+
+def test_files_named_in_the_checkouts_own_rows_are_found_from_any_folder(tmp_path, monkeypatch):
+    row = {"source": "examples/lambertian.py", "parameters": "config/published/bilgili2011/ward.csv"}
+    for folder, ours in ((ROOT, True), (ROOT, False), (tmp_path, True)):
+        monkeypatch.chdir(folder)
+        entry = Entry.of("lambertian", row, ours=ours)
+        assert Path(entry.source).samefile(EXAMPLE)
+        assert Path(entry.parameters).is_file()
+        assert Path(entry.source).is_absolute() == (folder == tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert Entry.of("lambertian", row).source == row["source"], "a study's own rows name files of the study"
+
+
+def test_a_fit_taken_home_finds_the_file_that_was_named(tmp_path, monkeypatch):
+    """Where its own path leads nowhere; a model of the package needs no file, whatever is named for another fit."""
+    monkeypatch.chdir(ROOT)
+    fits = [
+        fit(entry, constant_material())
+        for entry in (Entry("l", "lambertian", source="examples/lambertian.py"), "lambert")
+    ]
+    paths = []
+    for fitted in fits:
+        fitted.save(tmp_path / f"{fitted.entry}.npz")
+        export_json(fitted, tmp_path / f"{fitted.entry}.json")
+        paths += [(tmp_path / f"{fitted.entry}{ending}", fitted) for ending in (".npz", ".json")]
+    monkeypatch.chdir(tmp_path)
+    for path, fitted in paths:
+        assert np.array_equal(stored_fit(str(path), str(EXAMPLE)).table(), fitted.table(), equal_nan=True)
+    with pytest.raises(ValueError, match="register_file"):
+        load_fit("l.npz")
+    with MODELS.restored():
+        MODELS.register_file("lambertian", EXAMPLE)
+        for path, fitted in paths:
+            assert np.array_equal(
+                load_table(path)[0] if path.suffix == ".npz" else import_json(path).table(),
+                fitted.table(),
+                equal_nan=True,
+            )
 
 
 def test_a_model_joins_by_its_path(tmp_path):

@@ -22,12 +22,12 @@ from brdfatlas.figures.pictures import read_hdr
 from brdfatlas.files import write_json
 from brdfatlas.measures.ranking import best_rows
 from brdfatlas.measures.summary import BUDGETS, LEADING, MEASURES, Summary, best_of, median, pareto_front, score_models
-from brdfatlas.models import MODELS
+from brdfatlas.models import MODELS, Entry
 from brdfatlas.reports import formats, mathml, pdf
 from brdfatlas.reports.data import model_facts, physics_of, published_row, read_tsv, summarise_run, write_tsv
 from brdfatlas.reports.fit_files import files_of, fit_files_job
 from brdfatlas.reports.index_page import atlas_script, findings, list_failures, run_tables, switch_settings
-from brdfatlas.reports.model_page import strip
+from brdfatlas.reports.model_page import model_lede, strip
 from brdfatlas.reports.pdf import CAPTION, HEIGHT, WIDTH, tile_columns, write_material_pdf, write_supplement
 from brdfatlas.reports.viewer import write_viewer
 
@@ -231,6 +231,25 @@ def test_bounds_that_a_fit_has_reached_stand_beside_its_parameters(run):
     )
     assert f"{told} of the largest value." in Tags(page).text
     assert page.read_text().count('class="note small bounds"') == 2, "and beside no other"
+
+
+def test_a_rows_option_is_not_called_the_default_and_given_parameters_are_not_called_fitted():
+    with MODELS.restored():
+        rows = {
+            "ggx-quirk": {"model": "ggx", "fresnel": "egsr2015"},
+            "ggx_diffuse-given": {"model": "ggx_diffuse", "parameters": "config/published/bilgili2011/ward.csv"},
+        }
+        MODELS.use(Entry.of(name, row) for name, row in rows.items())
+        quirk, given = (model_facts(name) for name in rows)
+    plain = model_facts("ggx")
+    assert [option["default"] for option in quirk.options] == [option["default"] for option in plain.options]
+    assert given.options == ()
+    numbers = {measure.key: 1.0 for measure in MEASURES}
+    errors = pd.DataFrame([{"material": "a", "model": given.name, "scene": "s", "status": "ok", **numbers}])
+    fits = pd.DataFrame({"material": ["a"], "model": [given.name], "status": ["ok"], "bytes": [28], "seconds": [0.01]})
+    for facts, words in ((given, "given, not fitted"), (replace(given, given=False), "fitted in")):
+        summary = Summary({given.name: facts}, errors, fits, {"a": ""})
+        assert words in model_lede(facts, summary, [{"rank": 1, "reason": ""}])
 
 
 def test_failures_quirks_and_left_out_files_show(run):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from brdfatlas.files import plain, read_json, shortest_number, shown, write_text
-from brdfatlas.fits import Fit, check_fit
+from brdfatlas.fits import Fit, check_fit, with_source
 
 FORMAT = "brdfatlas fit 1"
 
@@ -80,9 +80,8 @@ def import_json(path: str | os.PathLike, source: str | os.PathLike | None = None
     if not all(isinstance(label, str | None) for label in labels.values()):
         raise ValueError(f"{name}: damaged, its entry or source is no text; export the fit again")
     labels["entry"] = labels["entry"] or ""
-    if source:
-        labels["source"] = str(source)
     fit = Fit(value["model"], value["material"], parameters, value["options"], value["standin"], **labels)
+    fit = with_source(fit, source)
     check_fit(fit, path, trusted=bool(source))
     return fit
 

@@ -199,7 +199,8 @@ def without_dropouts(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
     if keep.all():
         return samples, ()
     kept = Samples(*(a[keep] for a in (samples.wi, samples.wo, samples.values, samples.places)))
-    return kept, (f"{int((~keep).sum()):,} samples far below all their neighbours are left out",)
+    lost = int((~keep).sum())
+    return kept, (f"far below all their neighbours, left out: {lost:,} sample{'s' if lost > 1 else ''}",)
 
 
 @njit(cache=True, nogil=True, fastmath=True)

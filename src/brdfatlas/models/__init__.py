@@ -68,11 +68,20 @@ class Registry(Mapping[str, Model]):
 
     def trusts(self, source: str | Path) -> bool:
         """Whether a file may be run because a fit names it: it lies below the working directory, or the user named it
-        (registered in this process, or in the run's models file). Links count as what they lead to."""
-        named = [entry.source for entry in self._own.values()] + os.environ.get(SOURCES, "").split(os.pathsep)
+        (registered in this process, or in a models file). Links count as what they lead to."""
+        named = [*self._sources().values(), *os.environ.get(SOURCES, "").split(os.pathsep)]
         path = os.path.realpath(source)
         below = Path(path).is_relative_to(os.path.realpath(os.getcwd()))
         return below or path in {os.path.realpath(name) for name in named if name}
+
+    def source_of(self, model: str) -> str | None:
+        """The file that the user named for a class of this name, None where nobody did."""
+        return next((source for (_, known), source in self._sources().items() if known == model), None)
+
+    def _sources(self) -> dict[tuple[str, str], str]:
+        """Files of models that the user named, by the names of the entry and of its class."""
+        entries = [*self._own.values(), *builtin_entries().values()]
+        return {(entry.name, entry.model): entry.source for entry in entries if entry.source}
 
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys([*builtin_entries(), *installed_models(), *self._own]))

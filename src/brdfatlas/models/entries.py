@@ -41,11 +41,17 @@ class Entry:
     parameters: str | None = None
 
     @classmethod
-    def of(cls, name: str, row: Mapping[str, Any] | None) -> "Entry":
-        """From a line of config/models.yaml; None stands for an empty row."""
+    def of(cls, name: str, row: Mapping[str, Any] | None, *, ours: bool = False) -> "Entry":
+        """From a line of config/models.yaml; None stands for an empty row. ``ours``: of a file in the
+        package's own config/, which may name files of its checkout."""
         row = dict(row or {})
         model, source, parameters = (row.pop(key, None) for key in ("model", "source", "parameters"))
-        return cls(name, model or name, row, source, parameters and located(parameters))
+        source, parameters = (path and located(path, checkout=ours) for path in (source, parameters))
+        return cls(name, model or name, row, source, parameters)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without a model that is from a file: pickle would not find its class in another process, ``source`` does."""
+        return {name: value for name, value in vars(self).items() if name != "instance" or not self.source}
 
     @cached_property
     def instance(self) -> Model:
@@ -126,13 +132,14 @@ def read_entries(paths: str | Path | Sequence[str | Path]) -> dict[str, Entry]:
 
 def _entries_of(path: str | Path) -> dict[str, Entry]:
     """The entries of one file."""
-    rows = check(read_yaml(located(path)), read_yaml(SCHEMA), str(path))
+    file = located(path)
+    rows, ours = check(read_yaml(file), read_yaml(SCHEMA), str(path)), Path(file).resolve().parent == CONFIG.resolve()
     entries = {}
     for name, row in rows.items():
         check_name(name, str(path))
         if name in RESERVED:
             raise ConfigError(f"{path}: {name}: this name is reserved, choose another")
-        entry = entries[name] = Entry.of(name, row)
+        entry = entries[name] = Entry.of(name, row, ours=ours)
         try:
             _ = entry.instance
         except KeyError as error:
@@ -150,4 +157,4 @@ def _entries_of(path: str | Path) -> dict[str, Entry]:
 def builtin_entries() -> dict[str, Entry]:
     """The entries that the package knows by name, from its own table; models are not loaded."""
     rows = check(read_yaml(TABLE), read_yaml(SCHEMA), str(TABLE))
-    return {name: Entry.of(name, row) for name, row in rows.items()}
+    return {name: Entry.of(name, row, ours=True) for name, row in rows.items()}

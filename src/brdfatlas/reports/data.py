@@ -46,6 +46,8 @@ class ModelFacts:
     source: str = ""
     parameters: tuple[dict[str, Any], ...] = ()
     options: tuple[dict[str, Any], ...] = ()
+    #: whether its parameters are given, not fitted
+    given: bool = False
 
     @property
     def ours(self) -> bool:
@@ -117,8 +119,8 @@ class Material:
 
 def model_facts(name: str) -> ModelFacts:
     """Facts of a registered model. KeyError if nobody knows it."""
-    model = MODELS[name]
-    paper = model.paper
+    model, given = MODELS[name], MODELS.entry(name).parameters
+    plain, paper = type(model).options, model.paper
     return ModelFacts(
         name=name,
         title=model.title,
@@ -153,12 +155,14 @@ def model_facts(name: str) -> ModelFacts:
         options=tuple(
             {
                 "name": key,
-                "default": option.default,
+                "default": plain.get(key, option).default,  # of the class; an entry's options stand in their own column
                 "choices": ", ".join(map(str, option.choices)),
                 "description": option.description,
             }
             for key, option in model.options.items()
+            if not given
         ),
+        given=bool(given),
     )
 
 

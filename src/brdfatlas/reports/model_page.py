@@ -154,7 +154,9 @@ def model_lede(facts: ModelFacts, summary: Summary, rows: Sequence[Mapping]) -> 
     middle = " (median)" if len(rows) > 1 else ""
     if not math.isnan(stored):
         text += f"; {storage(stored)} per material{middle if facts.variable_size else ''}"
-    if not math.isnan(seconds):
+    if facts.given:
+        text += ", given, not fitted"
+    elif not math.isnan(seconds):
         text += f", fitted in {duration(seconds)}{middle}"
     value = summary.value(name)
     ranked = [row for row in rows if row["rank"]]
