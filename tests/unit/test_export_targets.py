@@ -291,6 +291,17 @@ def test_a_scene_file_does_not_replace_the_fit_that_lies_beside_it(tmp_path):
     assert load_fit(tmp_path / "fit.npz") == fit
 
 
+def test_the_file_that_a_fit_was_read_from_stays_as_it_is(tmp_path):
+    """Beside its scene file a fit has its own name: it may be what the user exported it from."""
+    file = tmp_path / "fit.npz"
+    fit_of("ggx_diffuse").save(file)
+    before = file.stat()
+    assert file in export(load_fit(file), "mitsuba", tmp_path / "fit.xml")
+    assert (file.stat().st_ino, file.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+    export(fit_of("gltf"), "mitsuba", tmp_path / "fit.xml")
+    assert load_fit(file) == fit_of("gltf")
+
+
 def test_an_unknown_target_names_the_known_ones(tmp_path):
     with pytest.raises(ExportError, match="unknown target 'unreal'; known targets: mitsuba, materialx, gltf, json"):
         export(fit_of("gltf"), "unreal", tmp_path / "a")

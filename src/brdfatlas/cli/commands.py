@@ -323,12 +323,9 @@ def export_command(args: argparse.Namespace) -> dict[str, Any]:
 
 def check_beside(fitted: Fit, beside: Path) -> None:
     """Refuse to write a fit beside its export over a file that nobody named, unless that holds the same fit."""
-    from brdfatlas.export.mitsuba import mitsuba_dict
+    from brdfatlas.export.mitsuba import holds, mitsuba_dict
 
-    if mitsuba_dict(fitted)["type"] == "brdfatlas" and os.path.lexists(beside):
-        with contextlib.suppress(ValueError):
-            if load_fit(beside, fitted.source) == fitted:
-                return
+    if mitsuba_dict(fitted)["type"] == "brdfatlas" and os.path.lexists(beside) and not holds(beside, fitted):
         raise FileFault(
             f"{shown(beside)}: exists and is another file, the fit is written there beside the export; "
             "name another output, or replace it by --force"

@@ -3,13 +3,14 @@
 import os
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 from brdfatlas.export.facts import ExportError, facts
 from brdfatlas.files import shown, write_text
-from brdfatlas.fits import Fit
+from brdfatlas.fits import Fit, load_fit
 
 #: Stock plugins and what their numbers mean.
 ROUGHNESS = {
@@ -37,6 +38,13 @@ def beside_of(path: str | os.PathLike) -> Path:
     return (Path(os.path.realpath(path)) if path.is_symlink() else path).with_suffix(".npz")
 
 
+def holds(path: str | os.PathLike, fit: Fit) -> bool:
+    """Whether a file holds this very fit."""
+    with suppress(ValueError, OSError):
+        return load_fit(path, fit.source) == fit
+    return False
+
+
 def export_mitsuba(fit: Fit, path: str | os.PathLike, more: Mapping[str, Any] | None = None) -> list[Path]:
     """Write a scene file with the material alone, id ``material``: include it and refer to the id, or load it.
 
@@ -59,7 +67,8 @@ def export_mitsuba(fit: Fit, path: str | os.PathLike, more: Mapping[str, Any] | 
         if path == beside:
             raise ExportError(f"{shown(path)}: the fit itself is written there beside the scene file; name it .xml")
         scene.insert(0, comment("needs the plugin: brdfatlas.rendering.register() before loading"))
-        fit.save(beside)
+        if not holds(beside, fit):  # the file that the fit was read from stays as it is
+            fit.save(beside)
         files.append(beside)
     write_text(path, ElementTree.tostring(scene, encoding="unicode") + "\n")
     return files
