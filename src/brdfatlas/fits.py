@@ -32,7 +32,7 @@ MOST_BYTES = 2**28
 class Fit:
     """A fitted model: evaluates itself anywhere and puts itself on the MERL grid.
 
-    ``model`` is the name of the model's class (or of an entry), ``entry`` the row of the run, ``source`` the file of a
+    ``model`` is the name of the model's class, else of an entry, ``entry`` the row of the run, ``source`` the file of a
     model that is not part of a package. ``parameters`` have the types of the model's storage: what is evaluated is what
     is stored. ``report`` says how the fit was found (objective, iterations, seconds, converged, message, details); it
     is not saved with the fit, so that equal fits are equal files.
@@ -72,7 +72,10 @@ class Fit:
     @cached_property
     def instance(self) -> Model:
         """The model itself. KeyError or ImportError where it cannot be found."""
-        return load_model(self.model, self.source) if self.source else MODELS[self.model]
+        try:  # a class before an entry: a row called "ggx" may be of another class
+            return load_model(self.model, self.source)
+        except KeyError:
+            return MODELS[self.model]
 
     @property
     def bytes(self) -> int:

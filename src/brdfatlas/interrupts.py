@@ -23,14 +23,14 @@ def _is_command() -> bool:
     return name == "brdfatlas" or (name in ("-m", "__main__.py") and "brdfatlas" in sys.orig_argv)
 
 
-def _is_job() -> bool:
+def is_job() -> bool:
     """Whether this is the script of a rule, which Snakemake runs as a program of its own."""
     return os.sep.join([".snakemake", "scripts", ""]) in (getattr(sys, "argv", None) or [""])[0]
 
 
 def _swap(number: int, old: object, new: object) -> bool:
     main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(number) is not old or not (_is_command() or _is_job()):
+    if not main or signal.getsignal(number) is not old or not (_is_command() or is_job()):
         return False
     signal.signal(number, new)  # type: ignore[arg-type]
     return True

@@ -172,6 +172,18 @@ def test_the_log_names_the_model_that_ended_the_process_and_no_other(folder):
     assert unfinished_fit(folder / "log") == ""
 
 
+def test_a_worker_that_a_model_spawns_does_not_run_the_job_again(tmp_path):
+    """Its workers would end at once, and a pool starts new ones for ever."""
+    script = tmp_path / ".snakemake" / "scripts" / "job.py"
+    script.parent.mkdir(parents=True)
+    script.write_text(
+        "import multiprocessing\nfrom brdfatlas.pipeline.logs import logged\nwith logged('log'):\n"
+        "    worker = multiprocessing.get_context('spawn').Process(target=abs, args=(1,))\n"
+        "    worker.start()\n    worker.join()\n    assert worker.exitcode == 0\n"
+    )
+    assert subprocess.run([sys.executable, script], cwd=tmp_path).returncode == 0
+
+
 def test_a_row_of_given_parameters_follows_its_file(folder):
     row, code = Entry("mine", "ngan", parameters=str(folder / "mine.csv")), {"mine": ""}
     paths = {"mine": (str(folder / "mine.npz"), str(folder / "mine.json"))}

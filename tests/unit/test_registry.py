@@ -128,6 +128,17 @@ def test_a_fit_knows_its_row_its_class_and_its_file(tmp_path, measured, monkeypa
     np.testing.assert_array_equal(load_fit("fit.npz", "moved.py").table(), fitted.table())
 
 
+def test_a_row_with_the_name_of_another_class_changes_no_fit(measured, tmp_path, monkeypatch):
+    monkeypatch.setattr(MODELS, "_own", {})
+    brdfatlas.fit("ggx", measured).save(tmp_path / "ggx.npz")
+    use_entries(Entry(name, other).plain for name, other in [("ggx", "gaussian"), ("gaussian", "ggx")])
+    assert type(load_fit(tmp_path / "ggx.npz").instance).__name__ == "GGX"
+    for name in ("ggx", "gaussian"):
+        fitted = brdfatlas.fit(name, measured)
+        fitted.save(tmp_path / "row.npz")
+        np.testing.assert_array_equal(load_fit(tmp_path / "row.npz").table(), fitted.table())
+
+
 def test_fits_of_before_entries_still_load(tmp_path):
     """Their files name no entry, and call the low-rank models by the names of their old classes."""
     parameters = {p.name: np.ones(p.shape, p.dtype) for p in MODELS["low_rank_2"].parameters}

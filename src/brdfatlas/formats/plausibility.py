@@ -73,7 +73,8 @@ def _scale(table: np.ndarray, valid: np.ndarray) -> tuple[str, ...]:
         told = "values look unscaled ({}): were MERL's factors (1, 1.15, 1.66)/1500 left out?"
     elif largest < 1e-3 or albedo < 1e-3:
         told = "values look scaled twice ({}): were MERL's factors applied before the file was written?"
-    elif albedo > 1.2:
+    elif albedo > 1.2 and albedo * _weight()[valid].sum(dtype=float) / _weight().sum(dtype=float) > 1.2:
+        # also if what was not measured reflects nothing: where only the highlight was measured, its mean says nothing
         told = "more light is reflected than arrives ({}): check the scale of the file"
     else:
         return ()

@@ -163,18 +163,20 @@ def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
 def _loading(origin: str, file: str = "") -> Iterator[None]:
     """Any fault in the code of a model from outside as ImportError: one line, with the number of that in ``file``.
 
-    ``sys.exit`` is one of them: it would end the program with whatever status the model names. Code that goes
-    elsewhere takes no relative path with it.
+    Every exception but Ctrl-C is one, ``sys.exit`` too, which would end the program with whatever status the model
+    names. Code that goes elsewhere takes no relative path with it.
     """
     try:
         with chdir("."):
             yield
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         if isinstance(error, SyntaxError) and error.filename == file:
             lines = [error.lineno]
         place = f"line {lines[-1]}: " if lines else ""
-        message = error.msg if isinstance(error, SyntaxError) else str(error)
+        message = error.msg if isinstance(error, SyntaxError) else _words(error)
         raise ImportError(" ".join(f"{origin}: {place}{type(error).__name__}: {message}".split())) from error
 
 
@@ -191,14 +193,24 @@ def own_faults(model: Model, material: str) -> Iterator[None]:
     try:
         with nullcontext() if is_ours(model) else chdir("."):
             yield
-    except (MemoryError, OSError, FitError):
+    except (MemoryError, OSError, FitError, KeyboardInterrupt):
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         if is_ours(model):
             raise
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         # pages show the reason: where a project lies on this machine is nobody's business
         near = os.path.relpath(file) if Path(file).is_relative_to(os.path.abspath(".")) else file
         place = f"{near}: line {lines[-1]}: " if lines else ""
-        message = " ".join(f"{place}{type(error).__name__}: {error}".split())
-        raise FitError(f"{model.name} on {material}: {message}") from error
+        message = " ".join(f"{place}{type(error).__name__}: {_words(error)}".split())
+        # contextlib takes a RuntimeError with this cause for Python's own, and lets the cause through
+        cause = None if isinstance(error, StopIteration) else error
+        raise FitError(f"{model.name} on {material}: {message}") from cause
+
+
+def _words(error: BaseException) -> str:
+    """The text of an exception of others, whose ``__str__`` may fail."""
+    try:
+        return str(error)
+    except Exception:
+        return "an exception without a text"

@@ -10,7 +10,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from brdfatlas.files import shown, stamps
-from brdfatlas.interrupts import as_exceptions
+from brdfatlas.interrupts import as_exceptions, is_job
 
 #: The name of a file that a run made, in an error's text.
 RESULT = re.compile(r"\b(results|reports)/[A-Za-z0-9._/-]*[A-Za-z0-9]")
@@ -26,6 +26,8 @@ def logged(path: str | Path, planned: Mapping[str, str] | None = None) -> Iterat
     a fault: what is made of it would stand beside what other jobs made of the old one.
     """
     as_exceptions()
+    if is_job():  # a worker that a model spawns imports the main program by this name: it would be the job once more
+        vars(sys.modules["__main__"]).pop("__file__", None)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     terminal = sys.stderr
