@@ -21,7 +21,7 @@ from brdfatlas.measured import Measured, fold
 from brdfatlas.models import MODELS, Entry, is_ours, load_model, own_faults
 from brdfatlas.models.base import Factors, FitError, Function, Model, Result, numbers
 from brdfatlas.models.given import outside_range, read_parameters
-from brdfatlas.models.loading import BUILTIN
+from brdfatlas.models.loading import BUILTIN, check_model_file
 from brdfatlas.sampling import Sampler
 
 #: Most bytes that a fit may have: several times a table with a number of its own for every cell of the grid.
@@ -207,8 +207,13 @@ def load_fit(path: str | os.PathLike, source: str | os.PathLike | None = None) -
 
 def with_source(fitted: Fit, source: str | os.PathLike | None) -> Fit:
     """A stored fit with the place of its model's file: ``source``, else, where its own is not there, the one that the
-    user named for this model. A model of the package has no file."""
+    user named for this model. A model of the package has no file: that of another fit is read and left. ValueError for
+    a file that cannot be used."""
     if source and not fitted.source and fitted.model in BUILTIN:
+        try:
+            check_model_file(source)
+        except ImportError as error:
+            raise ValueError(str(error)) from None
         return fitted
     if not source and fitted.source and not os.path.isfile(fitted.source):
         source = MODELS.source_of(fitted.model)

@@ -11,6 +11,7 @@ from contextlib import chdir, contextmanager, nullcontext
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter
@@ -67,8 +68,13 @@ def load_model(name: str, source: str | Path | None = None) -> Model:
     return _by_name(name)
 
 
-def load_model_file(path: str | Path, name: str | None = None) -> Model:
-    """The model in a Python file outside the package. ImportError names the file and what is wrong with it."""
+def check_model_file(path: str | Path) -> None:
+    """ImportError unless a Python file can be used and holds a model."""
+    if not _classes(_module_of(path)):
+        raise ImportError(f"{path}: holds no Model class")
+
+
+def _module_of(path: str | Path) -> ModuleType:
     path = Path(path)
     if not path.is_file():
         raise ImportError(f"{path}: {'not a regular file' if path.exists() else 'no such model file'}")
@@ -80,8 +86,14 @@ def load_model_file(path: str | Path, name: str | None = None) -> Model:
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # dataclasses and pickle look there
     with _loading(str(path), str(spec.origin)):
         spec.loader.exec_module(module)
+    return module
+
+
+def load_model_file(path: str | Path, name: str | None = None) -> Model:
+    """The model in a Python file outside the package. ImportError names the file and what is wrong with it."""
+    module = _module_of(path)
     model = _only_model(module, str(path), name)
-    with _loading(str(path), str(spec.origin)):
+    with _loading(str(path), str(module.__file__)):
         return _checked(model())
 
 
@@ -139,8 +151,8 @@ def with_options(model: Model, options: Mapping[str, Any]) -> Model:
         return model.with_options(options)
 
 
-def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
-    classes = [
+def _classes(module: ModuleType) -> list[type[Model]]:
+    return [
         item
         for item in vars(module).values()
         if inspect.isclass(item)
@@ -148,6 +160,10 @@ def _only_model(module, origin: str, name: str | None = None) -> type[Model]:
         and not inspect.isabstract(item)
         and item.__module__ == module.__name__
     ]
+
+
+def _only_model(module: ModuleType, origin: str, name: str | None = None) -> type[Model]:
+    classes = _classes(module)
     found = [item for item in classes if name is None or getattr(item, "name", None) == name]
     for item in found or classes:
         for attribute in STATED:
