@@ -63,7 +63,8 @@ def _backward(table: np.ndarray, valid: np.ndarray) -> tuple[str, ...]:
     if back <= BACKWARD * mirror:
         return ()
     told = f"{back:.3g} 1/sr back to the light, {mirror:.3g} in the mirror direction"
-    return (f"brightest towards the light ({told}): the mirror direction has phi_o = phi_i + 180 degrees",)
+    why = "is it no retro-reflector? The mirror direction has phi_o = phi_i + 180 degrees"
+    return (f"brightest towards the light ({told}): {why}",)
 
 
 def _scale(table: np.ndarray, valid: np.ndarray) -> tuple[str, ...]:
