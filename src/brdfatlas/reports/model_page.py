@@ -109,6 +109,7 @@ def material_row(material: Material, model: str, summary: Summary, scenes: Seque
         "bytes": material.stored_bytes(model),
         "physics": entry.physics,
         "reason": entry.reason,
+        "unjudged": "" if LEADING.key in scores.get(model, {}) else material.unjudged_told(scenes),
         "scores": {measure.key: score_of(scores, model, measure.key) for measure in MEASURES},
         "rank": order.index(model) + 1 if model in order else None,
         "parameters": parameter_rows(entry) if ok else [],
@@ -142,7 +143,8 @@ def class_strengths(model: str, summary: Summary) -> list[dict[str, Any]]:
         if order:
             best = order[0]
             rank = order.index(model) + 1 if model in order else None
-            about = {"class": name, "materials": len(members), "value": values.get(model), "rank": rank}
+            judged = len(set(summary.pictured(best)) & set(members))
+            about = {"class": name, "materials": judged, "value": values.get(model), "rank": rank}
             rows.append(about | {"best": best, "best_title": summary.models[best].title, "best_value": values[best]})
     return rows
 
@@ -161,7 +163,8 @@ def model_lede(facts: ModelFacts, summary: Summary, rows: Sequence[Mapping]) -> 
     value = summary.value(name)
     ranked = [row for row in rows if row["rank"]]
     if not math.isnan(value):
-        over = f", the median over {len(ranked)} materials" if len(ranked) > 1 else ""
+        count = len(summary.pictured(name))
+        over = f", the median over {count} materials" if count > 1 else ""
         text += f". ΔE00 {digits(value, LEADING.digits)}{over}"
         firsts = sum(row["rank"] == 1 for row in ranked)
         if firsts:
