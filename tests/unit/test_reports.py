@@ -28,7 +28,7 @@ from brdfatlas.reports.data import model_facts, physics_of, published_row, read_
 from brdfatlas.reports.fit_files import files_of, fit_files_job
 from brdfatlas.reports.index_page import atlas_script, findings, list_failures, run_tables, switch_settings
 from brdfatlas.reports.material_page import make_entries
-from brdfatlas.reports.model_page import model_lede, strip
+from brdfatlas.reports.model_page import model_lede, rank_of, strip
 from brdfatlas.reports.pdf import CAPTION, HEIGHT, WIDTH, tile_columns, write_material_pdf, write_supplement
 from brdfatlas.reports.viewer import write_viewer
 
@@ -326,6 +326,11 @@ def test_findings_name_the_best_model_of_those_that_have_every_picture(run):
     order = [row["name"] for row in rows]
     assert order == [*middles.sort_values().index, "toy_03", "reference_again"], "best first, what lacks pictures last"
     assert {row["name"]: row["missing"] for row in rows}["toy_03"] == len(run.scenes)
+
+
+def test_equal_errors_have_one_rank():
+    values = {"a": 0.5, "b": 0.0, "c": 0.0, "d": 0.7}
+    assert [rank_of(name, values) for name in "abcde"] == [3, 1, 1, 4, None]
 
 
 def test_a_picture_without_light_is_no_fault_of_a_model(tmp_path):

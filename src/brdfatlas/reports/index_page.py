@@ -255,7 +255,7 @@ def findings(materials: Sequence[Material], summary: Summary) -> str:
     ranked = [name for name in summary.order() if name in summary.complete()]
     failed = {item["model"] for item in list_failures(materials, summary.models)}
     if not ranked:
-        one = "No model has a picture in this run: every fit or render failed."
+        one = "No model has a picture in this run: every fit or render failed, or the references are black."
         why = "fits or renders failed" if failed else "no row has parameters for every material"
         other = f"No model has every picture of this run, so the models cannot be compared: {why}."
         return other if any(summary.scores.get(name) for name in summary.models) else one
