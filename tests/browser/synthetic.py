@@ -291,6 +291,17 @@ def make_run(
     return Run(root, list(materials), list(models), facts, failed)
 
 
+def blacken(run: Run, material: str, *scenes: str) -> None:
+    """Make the reference of pictures black: nothing is judged there, the reference rendered again neither."""
+    path = run.root / f"results/errors/{material}.tsv"
+    head, *rows = (line.split("\t") for line in path.read_text().splitlines())
+    head.insert(4, "reason")
+    for row in rows:
+        black = row[2] in scenes
+        row[3:] = ["failed", "black there", *["nan"] * len(MEASURES)] if black else [row[3], "", *row[4:]]
+    write_table(path, head, rows)
+
+
 def save_fit(path: Path, model: str, material: str, parameters: dict, standin: bool) -> None:
     """The fit's file; an empty one for a fit that failed."""
     if parameters:

@@ -849,6 +849,37 @@ def test_compare_shows_a_state_that_there_is(tab, site):
     assert page.locator("#stops").inner_text() == "0 stops"
 
 
+def test_a_picture_without_light_leaves_the_numbers_of_the_others(tab, tmp_path):
+    """The reference is black in one of two scenes: the other is the mean, for charts as for the tables of the run."""
+    from synthetic import blacken, make_run, toy_models
+
+    with MODELS.restored():
+        run = make_run(tmp_path, ["pvc", "chrome"], toy_models(tmp_path / "toys", 2), size=48)
+        blacken(run, "pvc", "grove")
+        run.write_site()
+    errors = pd.read_csv(run.reports / "data/errors.tsv", sep="\t").query("material == 'pvc' and scene == 'studio'")
+    value = errors.set_index("model")["de00_mean"]
+    page = tab.open(run.reports / "index.html")
+    cells = page.locator("#recommended tr[data-material=pvc] td[data-model] .numbers").all_inner_texts()
+    assert cells
+    assert all(re.match(r"ΔE00 \d", text) for text in cells)
+    row = page.locator("#heat tr[data-material=pvc]").inner_text()
+    assert all(f"{value[model]:.2f}" in row for model in run.models)
+    page.locator("#scene").select_option("grove")
+    assert page.locator("#heat tr[data-material=pvc] td.fail").first.text_content() == "black there"
+    page = tab.open(run.reports / "materials/pvc.html")
+    tile = page.locator("#tiles [data-model=toy_01]")
+    assert tile.locator("img").is_visible()
+    assert page.locator("#snippet-model option").count() == 2
+    page.get_by_role("button", name="grove").click()
+    assert not tile.locator("img").is_visible()
+    assert "black there" in tile.inner_text()
+    page = tab.open(run.reports / "compare.html", "#m=pvc&s=grove&b=toy_01")
+    assert "not judged" in page.locator("#list").inner_text()
+    assert "failed" not in page.locator("main").inner_text()
+    assert [fault for fault in tab.faults if "toy_01" not in fault] == []
+
+
 def test_what_cannot_be_judged_says_why_and_hides_nothing_else(tab, tmp_path):
     """One scene of a fit that failed there: its tile says why and the other scene's is shown; the page of the model
     has the reason in its table and no mean over fewer scenes; views of several pictures leave it out."""

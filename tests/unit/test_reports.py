@@ -27,13 +27,14 @@ from brdfatlas.reports import formats, mathml, pdf
 from brdfatlas.reports.data import model_facts, physics_of, published_row, read_tsv, summarise_run, write_tsv
 from brdfatlas.reports.fit_files import files_of, fit_files_job
 from brdfatlas.reports.index_page import atlas_script, findings, list_failures, run_tables, switch_settings
-from brdfatlas.reports.model_page import model_lede, strip
+from brdfatlas.reports.material_page import make_entries
+from brdfatlas.reports.model_page import model_lede, rank_of, strip
 from brdfatlas.reports.pdf import CAPTION, HEIGHT, WIDTH, tile_columns, write_material_pdf, write_supplement
 from brdfatlas.reports.viewer import write_viewer
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "browser"))
-from synthetic import HOSTILE, make_run, toy_models  # noqa: E402
+from synthetic import HOSTILE, blacken, make_run, toy_models  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -325,6 +326,51 @@ def test_findings_name_the_best_model_of_those_that_have_every_picture(run):
     order = [row["name"] for row in rows]
     assert order == [*middles.sort_values().index, "toy_03", "reference_again"], "best first, what lacks pictures last"
     assert {row["name"]: row["missing"] for row in rows}["toy_03"] == len(run.scenes)
+
+
+def test_equal_errors_have_one_rank():
+    values = {"a": 0.5, "b": 0.0, "c": 0.0, "d": 0.7}
+    assert [rank_of(name, values) for name in "abcde"] == [3, 1, 1, 4, None]
+
+
+def test_a_picture_without_light_is_no_fault_of_a_model(tmp_path):
+    """The reference of one material is black in one of two scenes, of another in both: no model has failed, means say
+    over what they are, and the place of each number has it, or the reason."""
+    names = toy_models(tmp_path / "toys", 2)
+    run = make_run(tmp_path, ["half", "black", "whole"], names, size=16)
+    blacken(run, "half", "grove")
+    blacken(run, "black", "studio", "grove")
+    materials = run.read()
+    summary = summary_of(run, materials)
+    text = findings(materials, summary)
+    assert "the median over 2 materials" in text
+    assert "failed" not in text
+    found = list_failures(materials, summary.models)
+    assert [(item["material"], item["model"]) for item in found] == [("half", ""), ("black", "")]
+    atlas = atlas_script(materials, summary, run.scenes, [*map(run.listing, run.materials)])
+    assert atlas["unjudged"] == dict.fromkeys(["half/grove", "black/studio", "black/grove"], "black there")
+
+    page = Tags(run.write_material("half")).text
+    lede = page[: page.index("Get the fit")]
+    assert "mean over" not in lede
+    assert "Cannot be judged: grove (black there)." in lede
+    assert "Cannot be judged: studio (black there), grove (black there)." in Tags(run.write_material("black")).text
+    assert (
+        "failed"
+        not in pdf._material_table(
+            materials[0],
+            summary_of(run, materials[:1]),
+            make_entries(materials[0], summary, run.scenes, None),
+            run.scenes,
+        )["rows"][0]["cells"][0]
+    )
+    for name in names:
+        page = Tags(run.write_model(name)).text
+        assert "the median over 2 materials" in page
+        assert "It failed" not in page
+        mean = summary.value(name, LEADING, "half")
+        assert f"{mean:.2f}" in page[page.index("half", page.index("Materials")) :]
+        assert page.count("black there") == 2  # the material of which nothing can be judged, both scenes
 
 
 def test_a_row_without_parameters_for_a_material_has_not_failed(run, tmp_path):

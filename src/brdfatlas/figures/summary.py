@@ -98,7 +98,7 @@ def _say_so(path: str | os.PathLike) -> None:
     """One line in place of curves; a job that fails here would leave the page of an earlier run."""
     with style.paper():
         figure, ((axis,),) = style.panels(1, 1, (8.4, 0.6))
-        axis.text(0, 0, f"No {LEADING.title} to draw: every fit or render failed.")
+        axis.text(0, 0, f"No {LEADING.title} to draw: every fit or render failed, or the references are black.")
         axis.set_axis_off()
         style.save(figure, path)
 

@@ -255,6 +255,10 @@ class Summary:
             return score_of(self.scores, model, measure.key).median
         return score_of(self.by_material[material], model, measure.key).mean
 
+    def pictured(self, model: str) -> list[str]:
+        """The materials on which a model has a picture: its median is over these."""
+        return [name for name in self.classes if not math.isnan(self.value(model, LEADING, name))]
+
     def complete(self, material: str | None = None) -> list[str]:
         """The models that have every picture, of the run or of a material."""
         missing = self.missing if material is None else self.missing_in[material]

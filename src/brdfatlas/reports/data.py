@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from brdfatlas.constants import ABSENT
+from brdfatlas.constants import ABSENT, REFERENCE_AGAIN
 from brdfatlas.files import read_record
 from brdfatlas.fits import known_details, report_faults
 from brdfatlas.measured import RECONSTRUCTED
@@ -104,6 +104,22 @@ class Material:
     @property
     def standin(self) -> bool:
         return bool(self.facts.get("standin"))
+
+    @property
+    def unjudged(self) -> dict[str, str]:
+        """Scenes in which nothing can be judged, not even the reference rendered again, and why: where the reference
+        is black. No model lacks these pictures, and no mean is over them."""
+        if "scene" not in self.errors:
+            return {}
+        judged = set(self.errors.loc[self.errors["status"] == "ok", "scene"])
+        again = self.errors[(self.errors["model"] == REFERENCE_AGAIN) & ~self.errors["scene"].isin(judged)]
+        return {str(row["scene"]): str(row.get("reason") or "no reason given") for row in again.to_dict("records")}
+
+    def unjudged_told(self, scenes: Sequence[SceneFacts]) -> str:
+        """These scenes and the reasons in words; "" if there are none."""
+        found = self.unjudged
+        told = ", ".join(f"{scene.label} ({found[scene.name]})" for scene in scenes if scene.name in found)
+        return f"cannot be judged: {told}" if told else ""
 
     @property
     def reconstructed(self) -> bool:

@@ -80,7 +80,7 @@ def write_index(
         rows=rows,
         measures=MEASURES,
         shown=SHOWN,
-        pictures=len(summary.errors[["material", "scene"]].drop_duplicates()),
+        pictures=len(summary.errors[["material", "scene"]].drop_duplicates()) - sum(len(m.unjudged) for m in materials),
         budgets=BUDGETS,
         few=len(materials) <= FEW_MATERIALS,
         failures=list_failures(materials, facts),
@@ -224,7 +224,7 @@ def numbers_of(facts: ModelFacts | None) -> int | None:
 
 
 def list_failures(materials: Sequence[Material], facts: Mapping[str, ModelFacts]) -> list[dict[str, Any]]:
-    """Every failed fit or render with its reason."""
+    """Every failed fit or render with its reason, and the scenes in which no model can be judged (``model`` is "")."""
     found = []
     for material in materials:
         about = {"material": material.name, "title": material.title, "standin": material.standin}
@@ -235,7 +235,12 @@ def list_failures(materials: Sequence[Material], facts: Mapping[str, ModelFacts]
                 reason = " ".join(str(record.get("reason") or "no reason given").split())
                 title = facts[model].title if model in facts else model
                 found.append(about | {"model": model, "model_title": title, "reason": reason})
-        bad = material.errors[material.errors["status"] != "ok"]
+        unjudged = material.unjudged
+        for reason in dict.fromkeys(unjudged.values()):
+            told = ", ".join(scene for scene, why in unjudged.items() if why == reason)
+            reason = f"cannot be judged: {told} ({reason})"
+            found.append(about | {"model": "", "model_title": "every model", "reason": reason})
+        bad = material.errors[(material.errors["status"] != "ok") & ~material.errors["scene"].isin(unjudged)]
         for model, rows in bad.groupby("model"):
             if model not in failed and model in facts:
                 told = (f"{row['scene']} ({row.get('reason') or 'no reason given'})" for _, row in rows.iterrows())
@@ -250,7 +255,7 @@ def findings(materials: Sequence[Material], summary: Summary) -> str:
     ranked = [name for name in summary.order() if name in summary.complete()]
     failed = {item["model"] for item in list_failures(materials, summary.models)}
     if not ranked:
-        one = "No model has a picture in this run: every fit or render failed."
+        one = "No model has a picture in this run: every fit or render failed, or the references are black."
         why = "fits or renders failed" if failed else "no row has parameters for every material"
         other = f"No model has every picture of this run, so the models cannot be compared: {why}."
         return other if any(summary.scores.get(name) for name in summary.models) else one
@@ -259,8 +264,9 @@ def findings(materials: Sequence[Material], summary: Summary) -> str:
     def told(name: str) -> str:
         return f"{digits(summary.value(name), LEADING.digits)} at {storage(summary.cost(name, 'bytes'))} per material"
 
-    over = f"the median over {len(names)} materials" if len(names) > 1 else "on one material"
     best = ranked[0]
+    count = len(summary.pictured(best))
+    over = f"the median over {count} materials" if count > 1 else "on one material"
     text = f"{summary.models[best].title} comes closest to the references (ΔE00 {told(best)}, {over})"
     chosen = dict(zip([budget.key for budget in BUDGETS], summary.recommend(names), strict=True))
     small = chosen["1k"]
@@ -294,7 +300,7 @@ def atlas_script(
     ``values[measure]`` is flat: scene, then material, then model (models, then the reference with another seed last);
     ``best`` are the places of the best PSNRs (:func:`brdfatlas.measures.ranking.best_rows`); ``recommended[switches]``
     and ``of_class[switches]`` hold a list of models' places (-1: none) a budget, for each material and class;
-    ``stems`` is how the names of a fit's files begin.
+    ``stems`` is how the names of a fit's files begin; ``unjudged``: material/scene that no model is judged by, and why.
     """
     models = list(summary.models)
     names = [*models, REFERENCE_AGAIN]
@@ -339,6 +345,7 @@ def atlas_script(
         "best": _best_places(materials, scenes, models),
         "reasons": {f"{f['material']}/{f['model']}": f["reason"] for f in list_failures(materials, summary.models)}
         | {f"{m.name}/{model}": reason for m in materials for model, reason in m.absent.items()},
+        "unjudged": {f"{m.name}/{scene}": why for m in materials for scene, why in m.unjudged.items()},
         "absent": [f"{m.name}/{model}" for m in materials for model in m.absent],
         "values": _value_columns(materials, scenes, names),
     }

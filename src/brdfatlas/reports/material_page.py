@@ -148,6 +148,7 @@ def write_material_page(
         previous=materials[place - 1] if place else "",
         following=materials[place + 1] if place + 1 < len(materials) else "",
         scenes=scenes,
+        unjudged=material.unjudged_told(scenes),
         entries=entries,
         noise=make_entry(material, REFERENCE_AGAIN, None, scenes),
         chosen=chosen,
@@ -232,14 +233,17 @@ def material_lede(material: Material, summary: Summary, scenes: Sequence[SceneFa
     """What happened to a material, from its own errors: the best and the worst model, how many are close."""
     names = set(summary.complete(material.name))
     ranked = [name for name in summary.order(LEADING, material.name) if name in names]
+    told_of = material.unjudged_told(scenes)
+    unjudged = f" {told_of[0].upper()}{told_of[1:]}." if told_of else ""
     if not ranked:
-        return f"No model has every picture of {material.title} in this run."
+        return f"No model has every picture of {material.title} in this run.{unjudged}"
 
     def told(name: str) -> str:
         return digits(summary.value(name, LEADING, material.name), LEADING.digits)
 
     best, worst = ranked[0], ranked[-1]
-    over = f", mean over {len(scenes)} scenes" if len(scenes) > 1 else ""
+    count = len(scenes) - len(material.unjudged)
+    over = f", mean over {count} scenes" if count > 1 else ""
     size = storage(summary.cost(best, "bytes", material.name))
     text = f"{summary.models[best].title} comes closest to the reference (ΔE00 {told(best)}{over}; {size})"
     if worst != best:
@@ -253,7 +257,7 @@ def material_lede(material: Material, summary: Summary, scenes: Sequence[SceneFa
     for reason in dict.fromkeys(material.absent.values()):
         titles = [summary.models[name].title for name, why in material.absent.items() if why == reason]
         text += f". Left out: {', '.join(titles)} ({reason})"
-    return text + "."
+    return f"{text}.{unjudged}"
 
 
 def make_entry(material: Material, name: str, facts: ModelFacts | None, scenes: Sequence[SceneFacts]) -> Entry:
@@ -273,7 +277,8 @@ def make_entry(material: Material, name: str, facts: ModelFacts | None, scenes: 
     reason = ""
     if fit is not None and fit.get("status") != "ok":
         reason = f"fit failed: {' '.join(str(fit.get('reason') or 'no reason given').split())}"
-    bad = [scene for scene in scenes if scene.name in by_scene and by_scene[scene.name]["status"] != "ok"]
+    mine = set(by_scene) - set(material.unjudged)
+    bad = [scene for scene in scenes if scene.name in mine and by_scene[scene.name]["status"] != "ok"]
     if not reason and bad:
         told = [f"{scene.label} ({by_scene[scene.name].get('reason') or 'no reason given'})" for scene in bad]
         reason = f"cannot be judged: {', '.join(told)}"

@@ -95,8 +95,7 @@ def write_model_page(
 def material_row(material: Material, model: str, summary: Summary, scenes: Sequence[SceneFacts]) -> dict[str, Any]:
     """The model on one material: scores, rank by ΔE00 among the models with every picture, fit, physics checks."""
     entry = make_entry(material, model, summary.models[model], scenes)
-    complete = summary.complete(material.name)
-    order = [name for name in summary.order(LEADING, material.name) if name in complete]
+    ranked = {name: summary.value(name, LEADING, material.name) for name in summary.complete(material.name)}
     ok = entry.fit is not None and entry.fit.get("status") == "ok"
     scores = summary.by_material[material.name]
     return {
@@ -109,10 +108,16 @@ def material_row(material: Material, model: str, summary: Summary, scenes: Seque
         "bytes": material.stored_bytes(model),
         "physics": entry.physics,
         "reason": entry.reason,
+        "unjudged": "" if LEADING.key in scores.get(model, {}) else material.unjudged_told(scenes),
         "scores": {measure.key: score_of(scores, model, measure.key) for measure in MEASURES},
-        "rank": order.index(model) + 1 if model in order else None,
+        "rank": rank_of(model, ranked),
         "parameters": parameter_rows(entry) if ok else [],
     }
+
+
+def rank_of(name: str, values: Mapping[str, float]) -> int | None:
+    """1 for the lowest error; equal errors have one rank. None without a value."""
+    return 1 + sum(value < values[name] for value in values.values()) if name in values else None
 
 
 def write_model_tables(folder: Path, model: str, run: Sequence[Material]) -> None:
@@ -141,8 +146,9 @@ def class_strengths(model: str, summary: Summary) -> list[dict[str, Any]]:
         order = sorted(values, key=values.__getitem__)
         if order:
             best = order[0]
-            rank = order.index(model) + 1 if model in order else None
-            about = {"class": name, "materials": len(members), "value": values.get(model), "rank": rank}
+            judged = len(set(summary.pictured(best)) & set(members))
+            about = {"class": name, "materials": judged, "value": values.get(model)}
+            about["rank"] = rank_of(model, values)
             rows.append(about | {"best": best, "best_title": summary.models[best].title, "best_value": values[best]})
     return rows
 
@@ -161,7 +167,8 @@ def model_lede(facts: ModelFacts, summary: Summary, rows: Sequence[Mapping]) -> 
     value = summary.value(name)
     ranked = [row for row in rows if row["rank"]]
     if not math.isnan(value):
-        over = f", the median over {len(ranked)} materials" if len(ranked) > 1 else ""
+        count = len(summary.pictured(name))
+        over = f", the median over {count} materials" if count > 1 else ""
         text += f". ΔE00 {digits(value, LEADING.digits)}{over}"
         firsts = sum(row["rank"] == 1 for row in ranked)
         if firsts:

@@ -116,13 +116,15 @@ def write_material_pdf(
     reference = files.add(picture_file(pictures, scene.name, REFERENCE))
     renders = [_tile("reference", reference, "", "no picture")]
     errors = []
+    unjudged = material.unjudged_told(scenes)
     for entry in entries:
+        why = entry.reason or unjudged
         row = entry.rows.get(scene.name, {})
         psnr = f"{digits(row.get('psnr_db'), 1)} dB"
         delta = f"ΔE00 {digits(row.get('de00_mean'), 2)}"
         render, error = (files.add(picture_file(pictures, scene.name, entry.name, kind)) for kind in ("render", "de00"))
-        renders.append(_tile(entry.title, render, f"{delta} · {psnr}", entry.reason))
-        errors.append(_tile(entry.title, error, delta, entry.reason))
+        renders.append(_tile(entry.title, render, f"{delta} · {psnr}", why))
+        errors.append(_tile(entry.title, error, delta, why))
     columns = tile_columns(len(renders), len(errors))
     flipped = [tile | ({"picture": reference} if tile["picture"] else {}) for tile in renders]
     data = {

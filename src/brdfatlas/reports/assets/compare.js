@@ -91,7 +91,7 @@
     const [m, s, model] = id.split("/");
     const script = document.createElement("script");
     script.src = `materials/${encodeURIComponent(m)}/renders/${encodeURIComponent(s)}/${encodeURIComponent(model)}/hdr.js`;
-    script.onerror = () => { entry.error = A.reasons[`${m}/${model}`] || "this run made no picture of it"; entry.done(); };
+    script.onerror = () => { entry.error = A.reasons[`${m}/${model}`] || A.unjudged[`${m}/${s}`] || "this run made no picture of it"; entry.done(); };
     script.onload = () => script.remove();
     document.head.append(script);
     entry.waiting.then(schedule);
@@ -152,7 +152,7 @@
     const kind = mapKind(), whose = state.v === "noise" ? "reference_again" : model, src = `materials/${encodeURIComponent(state.m)}/renders/${encodeURIComponent(state.s)}/${encodeURIComponent(whose)}/${kind}.webp`;
     if (!drawnMaps.has(src)) {
       const image = new Image();
-      image.onload = schedule; image.onerror = () => { image.dataset.error = A.reasons[`${state.m}/${model}`] || "this run made no such map"; schedule(); };
+      image.onload = schedule; image.onerror = () => { image.dataset.error = A.reasons[`${state.m}/${model}`] || A.unjudged[`${state.m}/${state.s}`] || "this run made no such map"; schedule(); };
       image.src = src;
       drawnMaps.set(src, image);
     }
@@ -180,8 +180,9 @@
     const v = number(model, "psnr_db");
     return v === null ? "–" : v === Infinity ? "∞" : `${number(model, "psnr_se_db") === Infinity ? "≥ " : ""}${v.toFixed(1)}`;
   }
-  // Why a model has no picture: its fit failed, or it is given parameters that there are not for the material.
-  const lack = (model) => (A.absent.includes(`${state.m}/${model}`) ? "no parameters" : "failed");
+  // Why a model has no picture: it is given parameters that there are not for the material, the reference is black, or its
+  // fit failed.
+  const lack = (model) => (A.absent.includes(`${state.m}/${model}`) ? "no parameters" : A.unjudged[`${state.m}/${state.s}`] ? "not judged" : "failed");
   const delta = (model) => (model === "reference" ? "" : number(model, "de00_mean") === null ? lack(model) : `ΔE00 ${digits(number(model, "de00_mean"), 2)}`);
   function draw() {
     scheduled = false;

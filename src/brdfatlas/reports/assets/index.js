@@ -24,11 +24,12 @@
   const measure = () => A.measures.find((m) => m.key === $("measure").value);
   const at = (key, s, j, k) => A.values[key][(s * J + j) * K + k];
   const chosenScenes = () => { const name = $("scene").value; return A.scenes.map((_, s) => s).filter((s) => !name || A.scenes[s].name === name); };
-  // One value a material and model: of the scene, or the mean over scenes where all of them have one.
+  // One value a material and model: of the scene, or the mean over scenes where all have one by which any model is judged.
+  const unjudged = (j, s) => A.unjudged[`${A.materials[j].name}/${A.scenes[s].name}`];
   function value(j, k, key = measure().key, places = chosenScenes()) {
-    let sum = 0;
-    for (const s of places) { const v = at(key, s, j, k); if (v === null) return null; sum += v; }
-    return sum / places.length;
+    let sum = 0, count = 0;
+    for (const s of places) if (!unjudged(j, s)) { const v = at(key, s, j, k); if (v === null) return null; sum += v; count++; }
+    return count ? sum / count : null;
   }
   // PSNR is a lower bound where the noise of the renders hides the difference: its standard error is then infinite.
   const bound = (j, k) => (measure().key === "psnr_db" && value(j, k, "psnr_se_db") === Infinity && value(j, k) !== Infinity ? "≥ " : "");
@@ -86,7 +87,7 @@
       body.append(node("tr", { class: "class", "data-class": name }, node("th", { scope: "row" }, button), ...A.of_class[bits][c].map((k) => {
         if (k < 0) return node("td", { class: "none" }, "none");
         const places = A.scenes.map((_, s) => s), de = median(members.map((j) => value(j, k, "de00_mean", places)));
-        const near = members.reduce((a, j) => (Math.abs(value(j, k, "de00_mean", places) - de) < Math.abs(value(a, k, "de00_mean", places) - de) ? j : a), members[0]);
+        const near = members.filter((j) => value(j, k, "de00_mean", places) !== null).reduce((a, j) => (Math.abs(value(j, k, "de00_mean", places) - de) < Math.abs(value(a, k, "de00_mean", places) - de) ? j : a));
         return node("td", { "data-model": A.models[k].name }, node("a", { href: `models/${url(A.models[k].name)}.html`, class: "pick" }, node("img", { src: picture(near, A.models[k].name), width: 72, height: 72, loading: "lazy", alt: "" }), node("strong", {}, A.models[k].title)),
           node("span", { class: "numbers" }, `ΔE00 ${text(de, 2)} · ${storage(Math.max(...members.map((j) => A.bytes[j][k])))} · ${seconds(median(members.map((j) => A.seconds[j][k])))}`), node("span", { class: "links" }, node("a", { href: `compare.html#m=${url(A.materials[near].name)}&s=${url(A.scenes[0].name)}&b=${url(A.models[k].name)}` }, "compare")));
       })));
@@ -168,7 +169,7 @@
       for (const { k, model } of columns) {
         const v = values.get(k);
         if (v === null) {
-          const reason = A.reasons[`${material.name}/${model.name}`] || "no picture";
+          const reason = A.reasons[`${material.name}/${model.name}`] || places.map((s) => unjudged(j, s)).find(Boolean) || "no picture";
           row.append(node("td", { class: "fail", title: `${model.title}: ${reason}` }, node("span", { class: "hidden" }, reason)));
           continue;
         }
