@@ -15,7 +15,7 @@ import numpy as np
 from numba.core.event import TimingListener, install_listener
 from threadpoolctl import threadpool_limits
 
-from brdfatlas.angles import GRID_SHAPE, above_horizon, unit_vectors
+from brdfatlas.angles import GRID_SHAPE, above_horizon, directions, unit_vectors
 from brdfatlas.files import check_regular, file_digest, json_of, plain, read_npz, shown, write_npz
 from brdfatlas.measured import Measured, fold
 from brdfatlas.models import MODELS, Entry, is_ours, load_model, own_faults
@@ -132,7 +132,7 @@ class Fit:
 
     def material_for(self, target: str) -> Mapping[str, Any] | None:
         """The fit as a material of ``target`` ("mitsuba", "materialx", "gltf"); None where that cannot be exact."""
-        return self._told("material", Mapping | None, target)
+        return plain(self._told("material", Mapping | None, target))
 
     def _told(self, hook: str, kind: Any, *more: str) -> Any:
         """What the model says of itself in answer to a hook."""
@@ -216,7 +216,7 @@ def with_source(fitted: Fit, source: str | os.PathLike | None) -> Fit:
             raise ValueError(str(error)) from None
         return fitted
     if not source and fitted.source and not os.path.isfile(fitted.source):
-        source = MODELS.source_of(fitted.model)
+        source = MODELS.source_of(fitted.entry, fitted.model)
     return replace(fitted, source=str(source)) if source else fitted
 
 
@@ -390,7 +390,12 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     """
     if not isinstance(model, str | Entry | Model):
         raise TypeError(f"{shown(repr(model))[:80]} is no model; give a name of brdfatlas.MODELS, an entry or a Model")
+    stated = model if isinstance(model, Model) else None
     if isinstance(model, Model):
+        if model.name in BUILTIN and type(model) is not type(load_model(model.name)):
+            raise ValueError(
+                f"a model of your own called {model.name!r}, as one of the package is; give it another name"
+            )
         entry = Entry(model.name, model.name)
     else:
         entry = MODELS.entry(model) if isinstance(model, str) else model
@@ -429,13 +434,27 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     labels = {"entry": entry.name, "source": entry.source}
     fitted = Fit(entry.model, measured.name, parameters, chosen, measured.standin, report, **labels)
     vars(fitted)["instance"] = model  # also one that no name leads to
-    if not is_ours(model):  # what every later command would find
-        fault = fault_of(model, parameters, chosen)
-        if fault:
-            raise FitError(f"{where}: {fault}")
-        for hook in (fitted.sampler, fitted.functions, fitted.factors):
-            hook()
+    if not is_ours(model):
+        _check_own(fitted, None if stated else type(model))
     return fitted
+
+
+def _check_own(fitted: Fit, kind: type[Model] | None) -> None:
+    """FitError for what every later command would find in a fit of a model from outside. ``kind``: its class, where
+    this can be made anew. Who reads the fit has such an object, which was never fitted: the stored parameters alone
+    must give the values."""
+    fault = fault_of(fitted.instance, fitted.parameters, fitted.options)
+    if fault:
+        raise FitError(f"{fitted.entry} on {fitted.material}: {fault}")
+    for hook in (fitted.sampler, fitted.functions, fitted.factors):
+        hook()
+    if kind:
+        read = replace(fitted)
+        with own_faults(fitted.instance, fitted.material):
+            vars(read)["instance"] = kind()
+            wi, wo = directions(*(angle.ravel() for angle in np.meshgrid([0.1, 0.5], [0.1, 0.6], [0.2, 1.3])))
+            if not np.array_equal(fitted.evaluate(wi, wo), read.evaluate(wi, wo), equal_nan=True):
+                raise ValueError("evaluate gives other values once the fit is saved: it uses more than its parameters")
 
 
 def _given(entry: Entry, model: Model, measured: Measured) -> Result:

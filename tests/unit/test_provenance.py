@@ -144,6 +144,7 @@ def test_words_change_no_result(digest, old, new):
     ("old", "new"),
     [
         ("2 * x", "3 * x"),
+        ('"""x, doubled."""', '"""x, doubled."""\n        assert x'),
         ("2 * x", "2.0 * x"),
         ("else 0", "else 1"),
         ('"mine"', '"yours"'),

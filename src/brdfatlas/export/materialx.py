@@ -23,7 +23,7 @@ def materialx_of(fit: Fit, more: Mapping[str, Any] | None = None) -> str:
     material = fit.material_for("materialx")
     if material is None:
         raise ExportError(f"{fit.entry}: no surface shader of MaterialX is exactly this model")
-    told = facts(fit, more) | {"roughness": ROUGHNESS[material["node"]]}
+    told = facts(fit, more) | {"roughness": ROUGHNESS.get(material["node"], f"as {material['node']} takes it")}
     root = ElementTree.Element("materialx", version=VERSION, colorspace="lin_rec709")
     for key, value in told.items():
         root.append(comment(f"{key}: {value}"))

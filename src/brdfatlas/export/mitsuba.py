@@ -19,6 +19,9 @@ ROUGHNESS = {
     "brdfatlas": "as the fit stores it, see its parameters",
 }
 
+#: Elements of a scene file and what they hold.
+KINDS = {"boolean": bool, "integer": int, "float": float}
+
 
 def mitsuba_dict(fit: Fit, filename: str | os.PathLike = "") -> dict[str, Any]:
     """The material for ``mitsuba.load_dict``: stock where the model's hook knows one, else ``{"type": "brdfatlas",
@@ -52,7 +55,9 @@ def export_mitsuba(fit: Fit, path: str | os.PathLike, more: Mapping[str, Any] | 
     """
     path, beside = Path(path), beside_of(path)
     material = mitsuba_dict(fit, beside.name)
-    told = facts(fit, more) | {"roughness": ROUGHNESS[material["type"]]}
+    told = facts(fit, more) | {
+        "roughness": ROUGHNESS.get(material["type"], f"as {material['type']} of Mitsuba takes it")
+    }
     scene = ElementTree.Element("scene", version="3.0.0")
     for key, value in told.items():
         scene.append(comment(f"{key}: {value}"))
@@ -79,10 +84,13 @@ def _element(tag: str, plugin: Mapping[str, Any], **attributes: str) -> ElementT
     for name, value in plugin.items():
         if name == "type":
             continue
-        if isinstance(value, Mapping):  # {"type": "rgb", "value": [...]}
+        if isinstance(value, Mapping) and value.get("type") == "rgb":  # {"type": "rgb", "value": [...]}
             text = ", ".join(map(repr, value["value"]))
             ElementTree.SubElement(element, "rgb", name=name, value=text)
+        elif isinstance(value, Mapping):
+            element.append(_element("bsdf", value, name=name))
         else:
-            kind = "float" if isinstance(value, float) else "string"
-            ElementTree.SubElement(element, kind, name=name, value=str(value))
+            kind = next((kind for kind, known in KINDS.items() if isinstance(value, known)), "string")
+            text = str(value).lower() if kind == "boolean" else str(value)
+            ElementTree.SubElement(element, kind, name=name, value=text)
     return element

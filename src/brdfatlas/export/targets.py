@@ -18,7 +18,7 @@ from brdfatlas.export.sampler import export_sampler
 from brdfatlas.fits import Fit
 from brdfatlas.formats.merl import write_merl
 from brdfatlas.measured import fold
-from brdfatlas.models import MODELS
+from brdfatlas.models import MODELS, own_faults
 
 #: target -> ending of its files
 ENDINGS = {
@@ -66,12 +66,14 @@ def export(fit: Fit, target: str, path: str | os.PathLike, more: Mapping[str, An
     check_ranges(fit)
     path = Path(path)
     if target == "mitsuba":
-        return export_mitsuba(fit, path, more)
+        with own_faults(fit.instance, fit.material):  # what its material states may be anything
+            return export_mitsuba(fit, path, more)
     if target == "merl":
         write_merl(path, fold(fit.table()), standin=fit.standin, reconstructed=True)
         return [path]
     if target in ("json", "sampler"):
         {"json": export_json, "sampler": export_sampler}[target](fit, path)
     else:
-        {"materialx": export_materialx, "gltf": export_gltf}[target](fit, path, more)
+        with own_faults(fit.instance, fit.material):
+            {"materialx": export_materialx, "gltf": export_gltf}[target](fit, path, more)
     return [path]

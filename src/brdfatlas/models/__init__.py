@@ -74,9 +74,12 @@ class Registry(Mapping[str, Model]):
         below = Path(path).is_relative_to(os.path.realpath(os.getcwd()))
         return below or path in {os.path.realpath(name) for name in named if name}
 
-    def source_of(self, model: str) -> str | None:
-        """The file that the user named for a class of this name, None where nobody did."""
-        return next((source for (_, known), source in self._sources().items() if known == model), None)
+    def source_of(self, entry: str, model: str) -> str | None:
+        """The file that the user named for an entry of a class of this name, else for the class; None where nobody did,
+        or where two files hold such a class."""
+        named = self._sources()
+        files = {source for (_, known), source in named.items() if known == model}
+        return named.get((entry, model)) or (files.pop() if len(files) == 1 else None)
 
     def _sources(self) -> dict[tuple[str, str], str]:
         """Files of models that the user named, by the names of the entry and of its class."""

@@ -308,6 +308,11 @@ class Model(ABC):
             "options": {key: replace(option, default=chosen[key]) for key, option in self.options.items()},
         }
         vars(model).update(stated)
+        for name, value in stated.items():
+            if getattr(model, name) is not value:  # a property would silently stay what it is
+                raise ValueError(
+                    f"model {self.name}: {name} is a property, which options cannot change; make it an attribute"
+                )
         return model
 
     def sampler(self, parameters: Parameters) -> Sampler | None:

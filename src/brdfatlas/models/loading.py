@@ -10,11 +10,16 @@ from collections.abc import Iterator, Mapping
 from contextlib import chdir, contextmanager, nullcontext
 from functools import cache
 from importlib.metadata import entry_points
+from numbers import Integral, Real
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
+from brdfatlas.models import own
 from brdfatlas.models.base import FitError, Model, Option, Paper, Parameter
+from brdfatlas.models.own import module_of
 
 #: name of a class -> its module.
 BUILTIN = {
@@ -48,6 +53,11 @@ BUILTIN = {
 GROUP = "brdfatlas.models"
 #: What a class must say of its model, beside ``fit`` and ``evaluate``, and its type.
 STATED = {"name": str, "title": str, "paper": Paper, "equations": str, "formula": str, "parameters": tuple}
+#: What it may say beside.
+TRUTH, SEVERAL = bool | np.bool_, tuple | list
+OPTIONAL = {"status": str, "reciprocal": TRUTH, "variable_size": TRUTH, "public_names": Mapping, "targets": SEVERAL}
+OPTIONAL |= dict.fromkeys(("bytes", "least_bytes", "free_parameters"), Integral)
+WORDS = {TRUTH: "bool", SEVERAL: "tuple", Integral: "whole number"}
 
 
 def installed_models() -> dict[str, str]:
@@ -80,7 +90,7 @@ def _module_of(path: str | Path) -> ModuleType:
         raise ImportError(f"{path}: {'not a regular file' if path.exists() else 'no such model file'}")
     if path.suffix != ".py":
         raise ImportError(f"{path}: a model's file ends in .py; rename it")
-    spec = importlib.util.spec_from_file_location(f"brdfatlas_user_{path.stem}", path)
+    spec = importlib.util.spec_from_file_location(module_of(path), path)
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # dataclasses and pickle look there
@@ -115,25 +125,39 @@ def _by_name(name: str) -> Model:
 
 def _checked(model: Model) -> Model:
     """``model``, if what it states is of its type: pages, fits and exports rely on that. TypeError or ValueError."""
-    for name, kind in STATED.items():
-        if not isinstance(getattr(model, name), kind):
-            raise TypeError(f"{name} is a {type(getattr(model, name)).__name__}, not a {kind.__name__}")
+    for name, kind in (STATED | OPTIONAL).items():
+        value = getattr(model, name)
+        if not isinstance(value, kind):
+            raise TypeError(f"{name} is a {type(value).__name__}, not a {WORDS.get(kind) or kind.__name__}")
+        if isinstance(value, str) and not _is_text(value):
+            raise ValueError(f"{name} {value!a} is no text that a page can show")
     names = [parameter.name for parameter in model.parameters if isinstance(parameter, Parameter)]
     if not names or len(names) != len(model.parameters) or len(set(names)) != len(names):
         raise TypeError("parameters is no tuple of Parameter, each of another name")
     if not all(isinstance(key, str) and isinstance(option, Option) for key, option in dict(model.options).items()):
         raise TypeError("options is no mapping of names to Option")
+    for key, option in model.options.items():  # a fit stores their values
+        if not isinstance(option.default, str | Real | np.bool_) or option.fault(option.default):
+            raise ValueError(
+                f"option {key}: its default {option.default!r} is no text, number or choice that it allows"
+            )
     if "seed" in model.options:
         raise ValueError("an option called seed, which every fit has; rename it")
     _check_told(model, {})
     return model
 
 
+def _is_text(value: str) -> bool:
+    """Whether a file can hold it: half a surrogate pair is no character."""
+    return not any("\ud800" <= c <= "\udfff" for c in value)
+
+
 def _check_told(model: Model, options: Mapping[str, Any]) -> None:
     """TypeError unless what a model says of itself with these options, in every page of a run, is of its type."""
     chosen = model.check_options(options)
-    if not isinstance(model.title_of(chosen), str):
-        raise TypeError("title_of gives no str")
+    title = model.title_of(chosen)
+    if not isinstance(title, str) or not _is_text(title):
+        raise TypeError("title_of gives no text that a page can show")
     stated = model.parameters_of(chosen)
     if not isinstance(stated, tuple) or not all(isinstance(item, Parameter) for item in stated):
         raise TypeError("parameters_of gives no tuple of Parameter")
@@ -148,7 +172,10 @@ def with_options(model: Model, options: Mapping[str, Any]) -> Model:
     file = inspect.getfile(type(model))
     with _loading(file, file):
         _check_told(model, options)
-        return model.with_options(options)
+        chosen = model.with_options(options)
+        if not isinstance(chosen, Model):
+            raise TypeError(f"with_options gives a {type(chosen).__name__}, not a Model")
+        return chosen
 
 
 def _classes(module: ModuleType) -> list[type[Model]]:
@@ -198,7 +225,8 @@ def _loading(origin: str, file: str = "") -> Iterator[None]:
 
 def is_ours(model: Model) -> bool:
     """Whether a model's class is of this package."""
-    return type(model).__module__.startswith("brdfatlas.")
+    module = type(model).__module__
+    return module.startswith("brdfatlas.") and not module.startswith(f"{own.__name__}.")
 
 
 @contextmanager

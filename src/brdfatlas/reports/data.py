@@ -16,7 +16,7 @@ from brdfatlas.measured import RECONSTRUCTED
 from brdfatlas.measures import tsv
 from brdfatlas.measures.summary import Summary
 from brdfatlas.measures.tsv import BRDF, ERRORS, PAIRS, read_tsv
-from brdfatlas.models import MODELS
+from brdfatlas.models import MODELS, load_model
 
 FIT_COLUMNS = [
     *("material", "model", "standin", "status", "reason", "seconds", "iterations", "converged"),
@@ -135,8 +135,8 @@ class Material:
 
 def model_facts(name: str) -> ModelFacts:
     """Facts of a registered model. KeyError if nobody knows it."""
-    model, given = MODELS[name], MODELS.entry(name).parameters
-    plain, paper = type(model).options, model.paper
+    model, entry = MODELS[name], MODELS.entry(name)
+    given, plain, paper = entry.parameters, load_model(entry.model, entry.source).options, model.paper
     return ModelFacts(
         name=name,
         title=model.title,
