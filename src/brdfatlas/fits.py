@@ -390,7 +390,7 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     """
     if not isinstance(model, str | Entry | Model):
         raise TypeError(f"{shown(repr(model))[:80]} is no model; give a name of brdfatlas.MODELS, an entry or a Model")
-    stated = model if isinstance(model, Model) else None
+    named = not isinstance(model, Model)
     if isinstance(model, Model):
         if model.name in BUILTIN and type(model) is not type(load_model(model.name)):
             raise ValueError(
@@ -435,23 +435,23 @@ def fit(model: str | Entry | Model, measured: Measured, seed: int = 0, **options
     fitted = Fit(entry.model, measured.name, parameters, chosen, measured.standin, report, **labels)
     vars(fitted)["instance"] = model  # also one that no name leads to
     if not is_ours(model):
-        _check_own(fitted, None if stated else type(model))
+        _check_own(fitted, anew=named)
     return fitted
 
 
-def _check_own(fitted: Fit, kind: type[Model] | None) -> None:
-    """FitError for what every later command would find in a fit of a model from outside. ``kind``: its class, where
-    this can be made anew. Who reads the fit has such an object, which was never fitted: the stored parameters alone
-    must give the values."""
+def _check_own(fitted: Fit, *, anew: bool) -> None:
+    """FitError for what every later command would find in a fit of a model from outside. ``anew``: whether its class
+    can be made anew. Who reads the fit has such an object, which was never fitted: the stored parameters alone must
+    give the values."""
     fault = fault_of(fitted.instance, fitted.parameters, fitted.options)
     if fault:
         raise FitError(f"{fitted.entry} on {fitted.material}: {fault}")
     for hook in (fitted.sampler, fitted.functions, fitted.factors):
         hook()
-    if kind:
+    if anew:
         read = replace(fitted)
         with own_faults(fitted.instance, fitted.material):
-            vars(read)["instance"] = kind()
+            vars(read)["instance"] = type(fitted.instance)()
             wi, wo = directions(*(angle.ravel() for angle in np.meshgrid([0.1, 0.5], [0.1, 0.6], [0.2, 1.3])))
             if not np.array_equal(fitted.evaluate(wi, wo), read.evaluate(wi, wo), equal_nan=True):
                 raise ValueError("evaluate gives other values once the fit is saved: it uses more than its parameters")

@@ -107,6 +107,3 @@ rule draw_summary:
         "sorted errors of all models"
     script:
         "../scripts/draw_summary.py"
-
-
-# Where a listed picture is gone, its material's are drawn again, and nothing that is made of them.

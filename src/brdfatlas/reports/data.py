@@ -4,6 +4,7 @@ import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,7 @@ class Material:
     def standin(self) -> bool:
         return bool(self.facts.get("standin"))
 
-    @property
+    @cached_property
     def unjudged(self) -> dict[str, str]:
         """Scenes in which nothing can be judged, not even the reference rendered again, and why: where the reference
         is black. No model lacks these pictures, and no mean is over them."""
